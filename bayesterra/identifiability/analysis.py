@@ -13,7 +13,6 @@ from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.errors import enumerated
-from bayesterra.identifiability.cloning import Cloned, PowerScaling, cloning, power_scaling
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
 from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
 from bayesterra.identifiability.profiles import Profile, Profiles, no_profiles, profiles
@@ -40,8 +39,6 @@ from bayesterra.report.verdicts import Verdict
 from bayesterra.runtime.engines import Engine
 
 LOCAL_DRAWS = 400
-CLONES = (1, 2, 4, 8, 16)
-"""Up to sixteen times the readings: what that many do not narrow, a campaign will not."""
 T = TypeVar("T")
 
 
@@ -56,7 +53,8 @@ class Analysis:
     best, spread : information of the readings at the best point of the profiles, and over the posterior.
     collinearity : of every subset, over the posterior.
     profiles : of likelihood and posterior.
-    drawn : what the draws of the posterior tell.
+    coupling : of parameters and of groups, from the draws.
+    information : contraction of parameters and directions, from the draws.
     verdicts : one row per parameter: parameter, verdict, the figures behind it, and ``against``: what speaks
         against it; see :class:`bayesterra.identifiability.verdicts.Evidence`.
     combinations : one row per independent combination, best determined first: combination, contraction,
@@ -71,7 +69,8 @@ class Analysis:
     spread: LocalAnalysis
     collinearity: Collinearity
     profiles: Profiles
-    drawn: FromDraws
+    coupling: Coupling
+    information: Information
     verdicts: pd.DataFrame
     combinations: pd.DataFrame
     counts: pd.DataFrame
@@ -116,8 +115,8 @@ def analyse(
     engine : traces the profiles; by default this process.
     report : called with the name of each part as it begins.
     """
-    clock, streams = _Clock(report), [default_rng(stream) for stream in seed.spawn(5)]
-    tracing, coupled, informing, cloned, scaling = streams
+    clock = _Clock(report)
+    tracing, coupled, informing = (default_rng(stream) for stream in seed.spawn(3))
 
     def traced() -> Profiles:
         if posterior.grouped:
@@ -133,16 +132,14 @@ def analyse(
     best, spread = local(profiled.best["posterior"]), local(spaced(draws, LOCAL_DRAWS))
     subsets = clock("collinearity", lambda: collinearity(spread))
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
-    drawn = FromDraws(
-        clock("coupling", lambda: coupling(posterior, prior, draws, coupled)),
-        clock("information", lambda: information(posterior, prior, draws, informing)),
-        clock("data cloning", lambda: cloning(posterior, prior, draws, cloned, powers=CLONES)),
-        clock("power-scaling", lambda: power_scaling(posterior, prior, draws, scaling)),
-    )
-    assessment = Assessment(posterior, prior, draws, seen, spread, profiled, drawn)
+    tied = clock("coupling", lambda: coupling(posterior, prior, draws, coupled))
+    informed = clock("information", lambda: information(posterior, prior, draws, informing))
+    own = _own(posterior, draws, informed)
+    figures = [own, _ties(posterior, draws, own, tied), _elsewhere(posterior, prior, seen, spread, profiled)]
     return Analysis(
-        posterior.names, seen, best, spread, subsets, profiled, drawn,
-        assessment.verdicts(), assessment.combinations(), assessment.counts(), clock.seconds,
+        posterior.names, seen, best, spread, subsets, profiled, tied, informed,
+        _verdicts(pd.concat(figures, axis=1), posterior.names), _combinations(informed, seen),
+        _counts(informed), clock.seconds,
     )  # fmt: skip
 
 
@@ -161,101 +158,77 @@ class _Clock:
         return result
 
 
-@dataclass(frozen=True)
-class FromDraws:
-    """Findings that need draws of the posterior."""
+def _verdicts(figures: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
+    """One row per parameter; see :class:`Analysis`."""
+    facts = evidence(figures)
+    words = [word(each) for each in facts]
+    against = ["; ".join(disagreements(*each)) for each in zip(facts, words, strict=True)]
+    head = pd.DataFrame({"parameter": list(names), "verdict": words})
+    return pd.concat([head, figures], axis=1).assign(against=against)
 
-    coupling: Coupling
-    information: Information
-    cloned: Cloned
-    scaling: PowerScaling
+
+def _own(posterior: Whole, draws: FloatArray, informed: Information) -> pd.DataFrame:
+    """Figures of each parameter's draws (n, d) by themselves."""
+    ends = np.array([law.range for law in posterior.prior.laws.values()])
+    scaled, low, high = (own_scale(x, _logs(posterior)) for x in (draws, *ends.T))
+    leaning = [bound(*each) for each in zip(scaled.T, low, high, strict=True)]
+    return informed.parameters[["contraction", "shift", "divergence", "cut_contraction"]].assign(bound=leaning)
 
 
-@dataclass(frozen=True)
-class Assessment:
-    """Findings behind the verdicts; draws are of the cut prior (m, d) and of the posterior (n, d)."""
+def _logs(posterior: Whole) -> BoolArray:
+    """Parameters whose laws live on a logarithmic scale (d,)."""
+    return np.array([law.logarithmic for law in posterior.prior.laws.values()])
 
-    posterior: Whole
-    prior: FloatArray
-    draws: FloatArray
-    structure: Structure
-    spread: LocalAnalysis
-    profiles: Profiles
-    drawn: FromDraws
 
-    def verdicts(self) -> pd.DataFrame:
-        """One row per parameter; see :class:`bayesterra.identifiability.analysis.Analysis`."""
-        own = self._own()
-        figures = pd.concat([own, self._ties(own), self._elsewhere()], axis=1)
-        facts = evidence(figures)
-        words = [word(each) for each in facts]
-        against = ["; ".join(disagreements(*each)) for each in zip(facts, words, strict=True)]
-        head = pd.DataFrame({"parameter": list(self.posterior.names), "verdict": words})
-        return pd.concat([head, figures], axis=1).assign(against=against)
+def _ties(posterior: Whole, draws: FloatArray, own: pd.DataFrame, coupled: Coupling) -> pd.DataFrame:
+    """Ties between the parameters."""
+    names = posterior.names
+    plain = np.atleast_2d(np.corrcoef(own_scale(draws, _logs(posterior)).T))
+    others = plain - np.eye(len(plain))
+    partners = np.abs(others).argmax(axis=1)
+    contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
+    strengths = ties(contraction, bounds, Correlated(plain, coupled.copula, coupled.prior_copula))
+    table = pd.DataFrame(
+        {"partner": [names[i] for i in partners], "tied_to": [names[i] for i in tied_to(contraction, bounds, plain)]}
+    )
+    return table.assign(correlation=others[np.arange(len(plain)), partners], **strengths)
 
-    def _own(self) -> pd.DataFrame:
-        """Figures of each parameter's draws by themselves."""
-        ends = np.array([law.range for law in self.posterior.prior.laws.values()])
-        draws, low, high = (own_scale(x, self._logs) for x in (self.draws, *ends.T))
-        leaning = [bound(*each) for each in zip(draws.T, low, high, strict=True)]
-        table = self.drawn.information.parameters
-        return table[["contraction", "shift", "divergence", "cut_contraction"]].assign(bound=leaning)
 
-    @property
-    def _logs(self) -> BoolArray:
-        """Parameters whose laws live on a logarithmic scale (d,)."""
-        return np.array([law.logarithmic for law in self.posterior.prior.laws.values()])
+def _elsewhere(
+    posterior: Whole, prior: FloatArray, seen: Structure, spread: LocalAnalysis, profiled: Profiles
+) -> pd.DataFrame:
+    """Findings of structure, profiles and bounds; ``prior`` has draws (m, d) of the cut one."""
+    each, local = profiled.found.get("likelihood"), spread.table
+    told = [("", np.nan, np.nan, np.nan)] * len(posterior.names)
+    if each is not None:
+        told = [(p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, prior.T, strict=True)]
+    names = ("profile", "lower_95", "upper_95", "excluded")
+    return pd.DataFrame(
+        {
+            "structural": [name in seen.determined for name in posterior.names],
+            **dict(zip(names, zip(*told, strict=True), strict=True)),
+            **{name: local[name] for name in ("expected", "prior_sd", "local_sd", "posterior_sd")},
+        }
+    )
 
-    def _ties(self, own: pd.DataFrame) -> pd.DataFrame:
-        """Ties between the parameters."""
-        names, coupling = self.posterior.names, self.drawn.coupling
-        plain = np.atleast_2d(np.corrcoef(own_scale(self.draws, self._logs).T))
-        others = plain - np.eye(len(plain))
-        partners = np.abs(others).argmax(axis=1)
-        contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
-        correlated = Correlated(plain, coupling.copula, coupling.prior_copula)
-        strengths = ties(contraction, bounds, correlated)
-        table = pd.DataFrame(
-            {
-                "partner": [names[i] for i in partners],
-                "tied_to": [names[i] for i in tied_to(contraction, bounds, plain)],
-            }
-        )
-        return table.assign(correlation=others[np.arange(len(plain)), partners], **strengths)
 
-    def _elsewhere(self) -> pd.DataFrame:
-        """Findings of structure, profiles, cloned data, bounds and power-scaling."""
-        each, seen = self.profiles.found.get("likelihood"), self.structure.determined
-        local, names = self.spread.table, ("profile", "lower_95", "upper_95", "excluded")
-        told = [("", np.nan, np.nan, np.nan)] * len(self.posterior.names)
-        if each is not None:
-            told = [(p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, self.prior.T, strict=True)]
-        return pd.DataFrame(
-            {
-                "structural": [name in seen for name in self.posterior.names],
-                **dict(zip(names, zip(*told, strict=True), strict=True)),
-                "cloned": _firm(self.drawn.cloned),
-                "scaling": self.drawn.scaling.table["word"],
-                **{name: local[name] for name in ("expected", "prior_sd", "local_sd", "posterior_sd")},
-            }
-        )
+def _combinations(informed: Information, seen: Structure) -> pd.DataFrame:
+    """Independent combinations and their verdicts, and those that the design cannot see."""
+    table = informed.directions
+    table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)]
+    words = [rated_as(*each) for each in zip(table["contraction"], table["divergence"], strict=True)]
+    rated = table[["combination", "contraction"]].assign(verdict=words)
+    nulls = [(null.words, np.nan, STRUCTURAL) for null in seen.nulls]
+    if not nulls:
+        return rated.reset_index(drop=True)
+    return pd.concat([rated, pd.DataFrame(nulls, columns=rated.columns)], ignore_index=True)
 
-    def combinations(self) -> pd.DataFrame:
-        """Independent combinations and their verdicts, and those that the design cannot see."""
-        table = self.drawn.information.directions
-        table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)]
-        words = [rated_as(*each) for each in zip(table["contraction"], table["divergence"], strict=True)]
-        rated = table[["combination", "contraction"]].assign(verdict=words)
-        nulls = [(null.words, np.nan, STRUCTURAL) for null in self.structure.nulls]
-        if not nulls:
-            return rated.reset_index(drop=True)
-        return pd.concat([rated, pd.DataFrame(nulls, columns=rated.columns)], ignore_index=True)
 
-    def counts(self) -> pd.DataFrame:
-        """Directions of each group, and of all parameters, and how many are determined."""
-        table = self.drawn.information.counts
-        chosen = table[table["view"] == MARGINAL][["scope", "directions", "determined", "effective"]]
-        return chosen.reset_index(drop=True)
+def _counts(informed: Information) -> pd.DataFrame:
+    """Directions of each group, and of all parameters, and how many are determined."""
+    table = informed.counts
+    chosen = table[table["view"] == MARGINAL][["scope", "directions", "determined", "effective"]]
+    return chosen.reset_index(drop=True)
 
 
 def rated_as(contraction: float, divergence: float) -> str:
@@ -271,11 +244,6 @@ def _excluded(profile: Profile, prior: FloatArray) -> float:
     """Share of the cut prior outside the 95 % interval."""
     low, high = profile.interval(95)
     return float(((prior < low) | (prior > high)).mean())
-
-
-def _firm(clones: Cloned) -> list[str]:
-    """Words of data cloning; none where its weights cannot be relied on."""
-    return [word if word in ("estimable", "not estimable") else "" for word in clones.parameters["word"]]
 
 
 GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}

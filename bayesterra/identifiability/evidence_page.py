@@ -22,7 +22,7 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Record, Table, Text,
 from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain, signed
 from bayesterra.report.sections import origin_rows
-from bayesterra.report.symbols import in_symbols, listed, symbol, symbols, unit
+from bayesterra.report.symbols import in_symbols, symbol, symbols, unit
 from bayesterra.study.result import COUPLED, Result, identifiability_rows
 
 GROUPS = Markup(
@@ -53,7 +53,7 @@ def identifiability_section(result: Result) -> Blocks:
     more = Text(
         Markup(
             "<code>bayesterra identify DIR</code>, with the folder of this report for DIR, shows the rest: "
-            "profiles of the likelihood, what compensates what, coupling of the groups, cloned data, and "
+            "profiles of the likelihood, what compensates what, coupling of the groups, and "
             "where these methods disagree with a verdict."
         )
     )
@@ -281,34 +281,6 @@ def _spreads(row: Record) -> tuple[Cell, ...]:
     return (*(plain(row[name] / scale) for name in names), unit(row["parameter"]) or NOTHING)
 
 
-def further_section(analysis: Analysis) -> Blocks:
-    """Data cloning and power-scaling."""
-    drawn = analysis.drawn
-    cloned, scaled = records(drawn.cloned.parameters), records(drawn.scaling.table)
-    rows = tuple(
-        (
-            symbol(name),
-            f"{signed(clone['late_slope'])} ± {number(clone['late_error'], 2)}",
-            clone["word"],
-            number(other["own"], 3),
-            number(other["likelihood"], 3),
-            other["word"],
-        )
-        for name, clone, other in zip(analysis.names, cloned, scaled, strict=True)
-    )
-    caption = (
-        "Data cloning: how the variance falls as the same readings are counted 4 to 16 times, −1 where they "
-        "determine the parameter, 0 where they never will. Power-scaling: how far its law moves as its own "
-        "prior, and the likelihood, weigh a little more (0.089 for a normal law that is all one or the "
-        "other)."
-    )
-    header = ("", "slope", "cloning", "own prior", "likelihood", "power-scaling")
-    checks = (("data cloning", drawn.cloned), ("power-scaling", drawn.scaling))
-    doubted = [name for name, check in checks if not check.reliable]
-    doubt = Markup("Weights with a heavy tail: do not rely on {}.").format(listed(doubted))
-    return (Table(caption, "lrlrrl", header, rows), *((Text(doubt),) if doubted else ()))
-
-
 def method_section(made: Identified) -> Blocks:
     """Section on what the design sees, and how the page was made."""
     analysis, record = made.found, made.record
@@ -327,9 +299,8 @@ def method_section(made: Identified) -> Blocks:
         *origin_rows(record, "study"),
     )
     sources = Text(
-        "Profiles: Raue et al. 2009; collinearity: Brun et al. 2001; cloning: Lele et al. 2007; "
-        "power-scaling: Kallioinen et al. 2024; mutual information: Gaussian copula, and Kraskov et al. 2004 "
-        "as the check."
+        "Profiles: Raue et al. 2009; collinearity: Brun et al. 2001; mutual information: Gaussian copula, "
+        "and Kraskov et al. 2004 as the check."
     )
     return (Text(text), sources, Table("", "ll", ("", ""), rows))
 

@@ -71,15 +71,15 @@ class Identified(AnalysisResult):
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Everything that was measured; field units, named in a column ``unit`` or a header."""
-        analysis, drawn = self.found, self.found.drawn
+        analysis = self.found
         return {
             "verdicts": self.verdicts,
             "combinations": analysis.combinations,
-            "groups": drawn.information.counts,
-            "directions": drawn.information.directions,
-            "information": drawn.information.parameters,
-            "coupling": drawn.coupling.pairs,
-            "coupling_of_groups": drawn.coupling.between,
+            "groups": analysis.information.counts,
+            "directions": analysis.information.directions,
+            "information": analysis.information.parameters,
+            "coupling": analysis.coupling.pairs,
+            "coupling_of_groups": analysis.coupling.between,
             "profiles": in_field_units(analysis.profiles.table, ENDS),
             "profile_points": _points(analysis),
             "compensation": analysis.profiles.compensation().rename_axis("profile").reset_index(),
@@ -89,9 +89,6 @@ class Identified(AnalysisResult):
             "collinearity": analysis.collinearity.table,
             "importance": analysis.collinearity.importance,
             "structure": analysis.structure.table,
-            "cloning": drawn.cloned.parameters,
-            "cloning_directions": drawn.cloned.directions,
-            "power_scaling": drawn.scaling.table,
         }
 
     def to_record(self) -> dict[str, Any]:

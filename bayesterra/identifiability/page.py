@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 from bayesterra.arrays import FloatArray
 from bayesterra.identifiability.evidence_page import (
     coupling_section,
-    further_section,
     information_section,
     local_section,
     method_section,
@@ -48,10 +47,9 @@ def identifiability_page(made: Identified) -> VerdictPage:
         sections=(
             Section("verdicts", "Verdicts", _verdict_section(made)),
             Section("profiles", "Profiles", _profile_section(made)),
-            Section("coupling", "Coupling", coupling_section(made.found.drawn.coupling)),
-            Section("information", "Information", information_section(made.found.drawn.information)),
+            Section("coupling", "Coupling", coupling_section(made.found.coupling)),
+            Section("information", "Information", information_section(made.found.information)),
             Section("local", "Sensitivities", local_section(made.found)),
-            Section("further", "Cloned data and power-scaling", further_section(made.found)),
             Section("method", "Structure and method", method_section(made)),
         ),
         version=made.record["versions"]["bayesterra"],
@@ -64,7 +62,7 @@ def _warning(made: Identified) -> Markup:
         return Markup("")
     return Markup(
         "The draws behind this page come from sampling that did <b>not converge</b>: what rests on draws "
-        "(contraction, coupling, cloning) may be wrong. Profiles and structure do not depend on them."
+        "(contraction, coupling) may be wrong. Profiles and structure do not depend on them."
     )
 
 
@@ -92,7 +90,7 @@ def _agreement_card(made: Identified) -> Verdict:
     table = made.found.verdicts
     against = table[table["against"] != ""]
     if against.empty:
-        sentence = Markup("Profiles, cloned data and divergences say nothing against any verdict.")
+        sentence = Markup("Profiles and divergences say nothing against any verdict.")
         return Verdict("Methods", "agree", "good", sentence)
     said = [Markup("{}: {}").format(symbol(row["parameter"]), row["against"]) for row in records(against)]
     sentence = Markup("Against the word for {}.").format(Markup("; ").join(said))
@@ -118,16 +116,14 @@ def _verdict_section(made: Identified) -> Blocks:
 
 def _verdict_table(made: Identified) -> Table:
     rows = tuple(_verdict_row(row) for row in records(made.verdicts))
-    header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"))
-    last = (Markup("<i>R</i>"), "cloned 16 times")
+    header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"), Markup("<i>R</i>"))
     caption = Markup(
         "Contraction: 1 − variance over that of the prior after the cut, of the logarithm under log laws. "
         "Profile: of the likelihood over the "
         "prior’s range. Tied to: strongest correlation <i>r</i> with a parameter that is not determined; "
-        "<i>R</i>: multiple correlation with all of those. Cloned: whether the same readings sixteen times "
-        "would narrow it."
+        "<i>R</i>: multiple correlation with all of those."
     )
-    return Table(caption, "llrllrrl", (*header, *last), rows)
+    return Table(caption, "llrllrr", header, rows)
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
@@ -141,7 +137,6 @@ def _verdict_row(row: Record) -> tuple[Cell, ...]:
         number(max(row["contraction"], 0.0), 2),
         Markup("{}{}").format(row["profile"], _ends(row)),
         *tie,
-        {"estimable": "narrows", "not estimable": "stays"}.get(row["cloned"], "undecided"),
     )
 
 

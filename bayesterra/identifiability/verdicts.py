@@ -63,7 +63,6 @@ class Evidence:
     structural : whether data of this design could determine it.
     profile : class of the likelihood's profile, one of ``profiles.CLASSES``.
     excluded : share of the cut prior outside the profile's 95 % interval.
-    cloned : word of data cloning.
     divergence : from the cut prior, nats.
     shift : of the mean from the cut prior's, in its standard deviations, on the scale of the prior's law.
     """
@@ -76,7 +75,6 @@ class Evidence:
     structural: bool = True
     profile: str = ""
     excluded: float = np.nan
-    cloned: str = ""
     divergence: float = np.nan
     shift: float = 0.0
 
@@ -108,17 +106,12 @@ def _one_sided(facts: Evidence) -> bool:
 
 def disagreements(facts: Evidence, verdict: str) -> Iterator[str]:
     """Objections to a verdict, in words."""
-    determined, unknown = verdict == "determined", verdict in ("repeats its prior", STRUCTURAL)
-    if determined and facts.profile not in ("", "two-sided"):
+    if verdict == "determined" and facts.profile not in ("", "two-sided"):
         yield f"the likelihood's profile is {facts.profile}"
-    if determined and facts.cloned == "not estimable":
-        yield "more of the same data would not narrow it"
     if verdict == STRUCTURAL and facts.profile == "two-sided":
         yield "the likelihood's profile is two-sided within the prior's range"
     if verdict == "repeats its prior" and facts.profile == "two-sided" and facts.excluded >= EXCLUDED:
         yield f"the likelihood alone excludes {100 * facts.excluded:.0f} % of its prior"
-    if unknown and facts.cloned == "estimable":
-        yield "more of the same data would narrow it"
     if verdict == "repeats its prior" and facts.divergence >= SOME:
         yield f"its law differs from the prior's by {facts.divergence:.2f} nats"
 

@@ -23,6 +23,7 @@ from bayesterra.stats.laws import Law
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))
 
+from cloning import cloned_words, cloning_objection  # noqa: E402
 from paper_wheels import SOILS, WHEELS  # noqa: E402
 from stored import append, done  # noqa: E402
 
@@ -95,23 +96,25 @@ def _of_the_truth(blank: pd.DataFrame, wheels: dict[str, bt.Wheel], tables: dict
     return bt.Study(blank, wheels, **{**tables, "priors": {"set": "paper-box", "c3": case.true_c3}})
 
 
-def measured(name: str, seed: int) -> Identified:
-    """The analysis of a case."""
-    given = bt.load_study(HERE.parent / "hit-wh32") if name == HIT else study(CASES[name], seed)
-    return identify(given, seed=seed)
+def verdicts(made: Identified, seed: int) -> pd.DataFrame:
+    """Verdicts of an analysis, with the words of data cloning and what these say against a verdict."""
+    words = cloned_words(made.study, seed)
+    table = made.verdicts.assign(cloned=words)
+    said = [cloning_objection(*each) for each in zip(table["verdict"], words, strict=True)]
+    return table.assign(against=["; ".join(filter(None, each)) for each in zip(table["against"], said, strict=True)])
 
 
 def tables(name: str, seed: int) -> dict[str, pd.DataFrame]:
     """Rows of every file for a case."""
-    made = measured(name, seed)
-    found, information = made.found, made.found.drawn.information
+    made = identify(bt.load_study(HERE.parent / "hit-wh32") if name == HIT else study(CASES[name], seed), seed=seed)
+    found, information = made.found, made.found.information
     head = {"case": name, "kind": made.study.kind, "seed": seed}
     columns = ["scope", "view", "rank", "combination", "contraction", "error"]
     fit = {"converged": made.record["converged"], "log_likelihood": found.profiles.log_density["likelihood"]}
     parts = {
         "groups": information.counts.assign(**fit),
         "directions": information.directions[columns],
-        "verdicts": made.verdicts[SHOWN].assign(truth=_truths(name, found.names)),
+        "verdicts": verdicts(made, seed)[SHOWN].assign(truth=_truths(name, found.names)),
     }
     return {file: pd.DataFrame(head, index=rows.index).join(rows) for file, rows in parts.items()}
 

@@ -18,9 +18,9 @@ from .conftest import VARIANTS, analysed, trial
 pytestmark = pytest.mark.usefixtures("little_adaptation")
 
 TABLES = {
-    "cloning", "cloning_directions", "collinearity", "combinations", "compensation", "coupling",
+    "collinearity", "combinations", "compensation", "coupling",
     "coupling_of_groups", "directions", "groups", "importance", "information", "local", "local_at_best",
-    "power_scaling", "profile_points", "profiles", "spectrum", "structure", "verdicts",
+    "profile_points", "profiles", "spectrum", "structure", "verdicts",
 }  # fmt: skip
 SENTENCES = {
     "one parameter": "These data determine φ on its own and fix 1 of 1 independent combination.",
@@ -87,7 +87,7 @@ def test_tables_have_the_units_that_they_say(moduli: Identified) -> None:
 def test_tables_are_complete(moduli: Identified) -> None:
     """Every parameter has its row, every pair, subset and profile too, and indices that a reader can join."""
     written, names = moduli.tables(), list(moduli.found.names)
-    for name in ("verdicts", "information", "local", "local_at_best", "structure", "cloning", "power_scaling"):
+    for name in ("verdicts", "information", "local", "local_at_best", "structure"):
         assert written[name]["parameter"].tolist() == names
     assert len(written["coupling"]) == 6
     assert sorted(written["profiles"]["parameter"]) == sorted(2 * names)

@@ -195,7 +195,7 @@ def test_parts_are_named_as_they_begin(pair_folder: Path) -> None:
     parts: list[str] = []
     bt.identify(bt.load_result(pair_folder), progress=parts.append)
     assert parts[0] == "profiles"
-    assert {"coupling", "data cloning", "structure"} <= set(parts)
+    assert {"coupling", "information", "structure"} <= set(parts)
 
 
 def test_a_bad_target_is_refused_before_the_work(pair_folder: Path, tmp_path: Path) -> None:

@@ -71,17 +71,17 @@ def test_words_change_at_their_thresholds(found: Evidence, expected: str) -> Non
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        (Evidence(0.95, profile="two-sided", cloned="estimable"), 0),
+        (Evidence(0.95, profile="two-sided"), 0),
         (Evidence(0.95, profile="bounded only by the prior"), 1),
-        (Evidence(0.95, profile="one-sided", cloned="not estimable"), 2),
-        (Evidence(0.95, structural=False, profile="two-sided", cloned="estimable"), 2),
-        (Evidence(0.1, profile="flat", cloned="not estimable", divergence=0.01), 0),
-        (Evidence(0.1, profile="two-sided", excluded=0.5, cloned="estimable", divergence=0.12), 3),
-        (Evidence(0.5, profile="two-sided", cloned="estimable"), 0),
+        (Evidence(0.95, profile="one-sided"), 1),
+        (Evidence(0.95, structural=False, profile="two-sided"), 1),
+        (Evidence(0.1, profile="flat", divergence=0.01), 0),
+        (Evidence(0.1, profile="two-sided", excluded=0.5, divergence=0.12), 2),
+        (Evidence(0.5, profile="two-sided"), 0),
     ],
 )
 def test_methods_that_disagree_are_named(found: Evidence, expected: int) -> None:
-    """What a profile, cloned data or the divergence say against the word is listed, and nothing else."""
+    """What a profile or the divergence says against the word is listed, and nothing else."""
     assert len(list(disagreements(found, word(found)))) == expected
 
 

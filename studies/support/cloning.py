@@ -1,4 +1,4 @@
-"""Data cloning and power-scaling: candidates to drop, and the prior's hold on each parameter.
+"""Data cloning and power-scaling: what more of the same data would narrow, and the prior's hold on each parameter.
 
 The likelihood is raised to the power K = 1, 2, 4, …. Where the data determine a quantity its variance falls
 as 1/K, slope −1 on log–log axes; where they do not, it stays what the prior makes it, slope 0. The directions
@@ -29,19 +29,21 @@ from itertools import pairwise
 
 import numpy as np
 import pandas as pd
-from numpy.random import Generator
+from numpy.random import Generator, SeedSequence, default_rng
 from scipy.sparse.csgraph import connected_components
 
 from bayesterra.arrays import FloatArray, spaced
-from bayesterra.identifiability.verdicts import covariance, eigen_directions, in_words
-from bayesterra.likelihood.joint import Whole
+from bayesterra.identifiability.verdicts import STRUCTURAL, covariance, eigen_directions, in_words
+from bayesterra.likelihood.joint import Whole, whole_posterior
 from bayesterra.sampling.adaptation import Densities
 from bayesterra.sampling.coordinates import coordinates
-from bayesterra.sampling.sampler import Target
+from bayesterra.sampling.joint import sample_whole
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Target, thin
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.stats.weights import effective_number, normalised, pareto_limit, pareto_smoothed, systematic
+from bayesterra.study.study import Study
 
 POWERS = (1, 2, 4, 8, 16, 32, 64)
 DRAWS = 8192
@@ -205,6 +207,32 @@ def cloned(
             }
         ),
     )
+
+
+CLONES = (1, 2, 4, 8, 16)
+"""Up to sixteen times the readings: what that many do not narrow, a campaign will not."""
+
+
+def cloned_words(study: Study, seed: int) -> list[str]:
+    """Word of data cloning for every parameter of a study, of the draws that ``identify`` takes with this seed.
+
+    Empty where the weights cannot be relied on, or the slope leaves it open.
+    """
+    posterior = whole_posterior(study)
+    analysing, sampling, drawing = SeedSequence(seed).spawn(3)
+    prior = posterior.cut_prior(PRIOR_DRAWS, default_rng(drawing))
+    draws = thin(sample_whole(posterior, study.sampling, sampling, lambda progress: None).chains).flat
+    rng = default_rng(analysing.spawn(4)[3])
+    words = cloning(posterior, prior, draws, rng, powers=CLONES).parameters["word"]
+    return [word if word in ("estimable", "not estimable") else "" for word in words]
+
+
+def cloning_objection(verdict: str, cloned: str) -> str:
+    """What data cloning says against a verdict; nothing where they agree."""
+    if verdict == "determined" and cloned == "not estimable":
+        return "more of the same data would not narrow it"
+    unknown = verdict in ("repeats its prior", STRUCTURAL)
+    return "more of the same data would narrow it" if unknown and cloned == "estimable" else ""
 
 
 Spread = tuple[FloatArray, FloatArray]

@@ -3,20 +3,11 @@
 import numpy as np
 import pytest
 from arviz_stats.base.array import array_stats
+from cloning import ALPHAS, PowerScaling, Reweighted, Stated, distance, power_scaling, power_word, scaled
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.cloning import (
-    ALPHAS,
-    PowerScaling,
-    Reweighted,
-    Stated,
-    distance,
-    power_scaling,
-    power_word,
-    scaled,
-)
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from cloning import POWERS, Cloned, Cloud, cloned, cloning, cloning_objection, clouds, fitted_slope, word
 
 from bayesterra.arrays import FloatArray
-from bayesterra.identifiability.cloning import POWERS, Cloned, Cloud, cloned, cloning, clouds, fitted_slope, word
+from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.result import Result
 
@@ -88,6 +89,15 @@ def test_words_wait_for_the_error() -> None:
     assert word(-1.0, 0.2) == "undecided"
     assert word(0.02, 0.05) == "not estimable"
     assert word(-0.5, 0.01) == "undecided"
+
+
+def test_objections_are_those_to_words_that_more_data_would_change() -> None:
+    """What stays although it is determined, and what narrows although it is unknown; nothing else."""
+    assert cloning_objection("determined", "not estimable") == "more of the same data would not narrow it"
+    assert cloning_objection("repeats its prior", "estimable") == "more of the same data would narrow it"
+    assert cloning_objection(STRUCTURAL, "estimable") == "more of the same data would narrow it"
+    agreeing = [("determined", "estimable"), ("repeats its prior", "not estimable"), ("weakly", "estimable")]
+    assert not any(cloning_objection(*each) for each in [*agreeing, ("determined", "")])
 
 
 def test_cloning_the_study_leaves_the_modulus_where_it_was(small_result: Result) -> None:
