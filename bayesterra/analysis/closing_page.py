@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.analysis.findings_page import bounded
-from bayesterra.checking.validation import complete, estimates, spread_draws
+from bayesterra.checking.validation import complete, estimates, held, spread_draws
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text
@@ -48,7 +48,8 @@ def _values(result: Result) -> Table:
     rows = [_value_row(result, name, points) for name in PARAMETERS if any(name in v for v in points.values())]
     caption = (
         "Point estimates beside the posterior, with the digits that the posterior's interval supports. "
-        "= held at this value; | at a bound."
+        "= held at this value; | at a bound. Where methods held a parameter, the posterior mode with it held "
+        "there stands beside them."
     )
     header = ("", "unit", "median", "mode", "90 % HDI", *(MARKS[name].label for name in points))
     return Table(caption, "llrrr" + "r" * len(points), header, tuple(rows))
@@ -72,7 +73,7 @@ def _value_row(result: Result, name: str, points: Mapping[str, Mapping[str, floa
 
 
 def _flag(result: Result, method: str, name: str) -> str:
-    if name in result.record["fits"].get(method, {}).get("held", ()):
+    if name in (*result.record["fits"].get(method, {}).get("held", ()), *held(result, method)):
         return "= "
     return "| " if name in result.record["standings"][method]["at_bound"] else ""
 
@@ -201,7 +202,12 @@ WORDS = (
         "levels of slip, load, wheel or run that the fit had not seen lie in their intervals as often as they should",
     ),
     ("too narrow, too wide", "they lie there too seldom, or nearly always: the intervals do not hold for other levels"),
-    ("median, mode", "the value with half of the probability on either side; the values that are densest together"),
+    (
+        "median, mode",
+        "the value with half of the probability on either side; the values that are densest together, which another "
+        "choice of parameters (a modulus or its logarithm) would put elsewhere",
+    ),
+    ("Δχ²", "twice the difference of log density of two points"),
     ("90 % HDI", "the narrowest interval that holds 90 % of the probability"),
     (
         "determined",
@@ -213,6 +219,7 @@ WORDS = (
     ("one-sided", "the readings exclude one side only; the other end is the prior's"),
     ("moved", "hardly narrowed, but shifted: prior and readings disagree"),
     ("repeats its prior", "the readings say next to nothing of it"),
+    ("mode, held", "the values that are densest together where a parameter is held as least squares held it"),
     ("IM1, IM2, IM3, joint", "least-squares fits: the three of Ding et al. (2015), and one of all readings at once"),
 )
 """Words of the first screen, and what they mean."""

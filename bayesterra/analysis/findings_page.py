@@ -10,10 +10,11 @@ from markupsafe import Markup
 
 from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
+from bayesterra.least_squares.results import CONDITIONAL
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.failures import failed
-from bayesterra.report.numbers import given, interval, share, signed
-from bayesterra.report.symbols import amount, angles, listed, symbol, symbols
+from bayesterra.report.numbers import given, interval, number, share, signed
+from bayesterra.report.symbols import amount, angles, in_symbols, listed, symbol, symbols
 from bayesterra.study.page import StripRow, axis, strip_row
 from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
 
@@ -35,7 +36,7 @@ def findings(result: Result) -> tuple[Finding, ...]:
         ("Determined", determined(result)),
         ("Traded", traded(result)),
         ("From the prior", from_the_prior(result)),
-        ("Mode (*)", about_the_mode(result)),
+        ("Mode", about_the_mode(result)),
         ("Least squares", about_least_squares(result)),
         ("Next", next_measurement(result)),
     )
@@ -104,14 +105,24 @@ def bounded(result: Result) -> list[tuple[str, str]]:
 
 
 def about_the_mode(result: Result) -> Markup:
-    """Warn where the densest point lies apart from most of the probability."""
-    outside = mode_outside(result)
-    if not outside:
-        return Markup("")
-    return Markup(
-        "The densest single point lies outside the 90 % HDI of {}: a narrow corner that holds little "
-        "probability. Medians and intervals describe this soil better than the mode does."
-    ).format(symbols(outside))
+    """Warn where the densest point lies apart from most of the probability, or on an edge."""
+    outside, at, rows = mode_outside(result), dict[str, list[str]](), summary_rows(result)
+    for name in (name for name in result.names if rows[name].mode_at != "inside"):
+        at.setdefault(rows[name].mode_at, []).append(name)
+    sentences = []
+    if outside:
+        text = (
+            "The densest single point lies outside the 90 % HDI of {} (*): a narrow corner that holds little "
+            "probability. Medians and intervals describe this soil better than the mode does."
+        )
+        sentences.append(Markup(text).format(symbols(outside)))  # noqa: S704 (a constant)
+    if at:
+        edges = listed(
+            Markup("the {} of {}").format(edge, symbols(names)) if edge.endswith("bound") else in_symbols(edge)
+            for edge, names in at.items()
+        )
+        sentences.append(Markup("It lies on an edge (†), not on a summit: {}.").format(edges))
+    return Markup(" ").join(sentences)
 
 
 def about_least_squares(result: Result) -> Markup:
@@ -119,7 +130,7 @@ def about_least_squares(result: Result) -> Markup:
     standings = result.record["standings"]
     if failed(result.record, "standings"):
         return Markup("")
-    names = list(complete(result))
+    names = [name for name in complete(result) if name != CONDITIONAL]
     outside = [name for name in names if standings[name]["log_density"] is None]
     far = [n for n in names if n not in outside and standings[n]["credible_level"] >= FAR]
     near = [name for name in names if name not in (*outside, *far)]
@@ -138,16 +149,19 @@ def _held(result: Result) -> Iterator[Markup]:
     """Parameters that methods held, the same value together."""
     groups: dict[tuple[str, str], list[str]] = {}
     for method, values in estimates(result).items():
-        for name in held(result, method):
+        for name in held(result, method) if method != CONDITIONAL else ():
             value = given(float(f"{values[name] / PARAMETERS[name].scale:.6g}"))
             groups.setdefault((name, value), []).append(method)
     for (name, value), methods in groups.items():
         yield Markup("{} held {} at {} (hollow marks).").format(listed(methods), symbol(name), amount(name, value))
+    if CONDITIONAL in estimates(result):
+        further = "The posterior’s mode at the held value is marked ▼; the free mode is denser by Δχ² {}."
+        yield Markup(further).format(number(result.record["mode"]["delta_chi2"], 2))  # noqa: S704 (a constant)
 
 
 def _open(result: Result, judged: list[str]) -> Iterator[Markup]:
     """Estimates that leave parameters open have no density of their own."""
-    names = [name for name in estimates(result) if name not in judged]
+    names = [name for name in estimates(result) if name not in (*judged, CONDITIONAL)]
     if names:
         yield Markup("{}: only some of the parameters, not judged.").format(_titles(names))
 

@@ -30,7 +30,7 @@ from bayesterra.identifiability.information import information
 from bayesterra.identifiability.verdicts import Identifiability, identifiability, undetermined
 from bayesterra.least_squares import results
 from bayesterra.least_squares.fit import fit_all
-from bayesterra.least_squares.results import Fit, PointEstimate, locate, report_table
+from bayesterra.least_squares.results import CONDITIONAL, Fit, PointEstimate, locate, point_rows, report_table
 from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.parameters import DERIVED, PARAMETERS, PRIOR_PARAMETERS, Parameter
@@ -94,11 +94,15 @@ def run(
     fits, refused = failures.attempt("fits", lambda: fit_all(study), lambda: ({}, ()))
     spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
     mode = failures.attempt("mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced))
+    held = {name: fitted.values()[name] for fitted in fits.values() for name in fitted.held if name in target.names}
+    conditional = failures.attempt(
+        "mode", lambda: find_mode(target, spaced, guesses, held) if held else None, lambda: None
+    )
     densities = Target(target, samples.coordinates).densities
     integral = failures.attempt(
         "evidence", lambda: ensembles_evidence(densities, samples.adaptations, default_rng(weighing)), lambda: None
     )
-    analysis = Analysis(study, target, prior, samples, kept, mode, integral, fits, refused, failures)
+    analysis = Analysis(study, target, prior, samples, kept, mode, conditional, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
     result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
     if not crosscheck:
@@ -115,7 +119,10 @@ def run(
 
 @dataclass(frozen=True)
 class Analysis:
-    """Everything a run found, before it is put into tables; ``failures``: what it did not find."""
+    """Everything a run found, before it is put into tables; ``failures``: what it did not find.
+
+    ``conditional``: the mode with those parameters held that least squares held; None where it held none.
+    """
 
     study: Study
     posterior: Posterior
@@ -123,6 +130,7 @@ class Analysis:
     samples: Samples
     kept: ThinnedDraws
     mode: Mode
+    conditional: Mode | None
     evidence: Evidence | None
     fits: Mapping[str, Fit]
     refused: tuple[str, ...]
@@ -158,7 +166,7 @@ class Analysis:
             "sampling": sampler.of_samples(self.samples, self.kept.every),
             **({"evidence": importance.of_evidence(self.evidence, self.prior)} if self.evidence else {}),
             "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
-            "mode": {"log_density": self.mode.log_density, "agreeing_starts": self.mode.agreeing},
+            "mode": self._modes(),
             "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},
             "refused_fits": list(self.refused),
             "standings": {name: results.of_point_estimate(standing) for name, standing in standings.items()},
@@ -222,12 +230,22 @@ class Analysis:
             self.failures.attempt("curves", curves, lambda: None),
         )  # fmt: skip
 
+    def _modes(self) -> dict[str, Any]:
+        """Record of the mode, and how much denser it is than the one at the values that least squares held."""
+        of = {"log_density": self.mode.log_density, "agreeing_starts": self.mode.agreeing}
+        if self.conditional is None:
+            return of
+        return {**of, "delta_chi2": 2.0 * (self.mode.log_density - self.conditional.log_density)}
+
     def standings(self, densities: FloatArray) -> dict[str, PointEstimate]:
         """Standing of every point estimate among the draws' log densities (n,).
 
-        The mode, every least-squares fit, published and true values.
+        The mode, free and where parameters are held, every least-squares fit, published and true values.
         """
-        points = {"mode": dict(zip(self.posterior.names, map(float, self.mode.x), strict=True))}
+        modes = {"mode": self.mode, CONDITIONAL: self.conditional}
+        points = {
+            name: dict(zip(self.posterior.names, map(float, at.x), strict=True)) for name, at in modes.items() if at
+        }
         points |= {name: fitted.identified() for name, fitted in self.fits.items()}
         points |= {name: dict(stated.values) for name, stated in self.study.references.items()}
         soils = {
@@ -239,6 +257,9 @@ class Analysis:
     def least_squares(self, standings: Mapping[str, PointEstimate]) -> pd.DataFrame:
         """The table of point estimates with the share of draws denser than each; NaN for incomplete ones."""
         table = report_table(self.fits, self.study)
+        if CONDITIONAL in standings:
+            rows = point_rows(CONDITIONAL, standings[CONDITIONAL].values, self.study)
+            table = pd.concat([table, pd.DataFrame(rows, columns=table.columns)], ignore_index=True)
         levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}
         return table.assign(credible_level=table["method"].map(levels))
 

@@ -59,7 +59,7 @@ Evidence = TypedDict("Evidence", {
     "spread": NotRequired[Number], "log_share": Number, "log_share_error": Number,
 })  # fmt: skip
 PriorSupport = TypedDict("PriorSupport", {"tried": Count, "shares": dict[str, Number]})
-Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count})
+Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count, "delta_chi2": NotRequired[Some]})
 Fit = TypedDict("Fit", {
     "converged": bool, "passes": Count, "errors_percent": dict[ChannelName, Some], "held": Names,
     "at_bound": Names, "missing": Names, "notes": list[str],
@@ -119,7 +119,7 @@ class RunRecord(StudyRecord):
     mode: Mode
     fits: dict[Method, Fit]
     refused_fits: list[str]
-    standings: dict[Method | Literal["mode", "published", "truth"], Standing]
+    standings: dict[Method | Literal["mode", "conditional", "published", "truth"], Standing]
     directions: Directions
     predictive_checks: Checks
     prior_checks: PriorChecks

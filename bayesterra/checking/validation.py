@@ -27,7 +27,7 @@ from bayesterra.checking.predictive_checks import (
     prior_checks,
 )
 from bayesterra.errors import enumerated
-from bayesterra.least_squares.results import METHODS
+from bayesterra.least_squares.results import CONDITIONAL, METHODS
 from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, SIZES, soil_array
@@ -63,15 +63,15 @@ def residuals(result: Result, most: int = DRAWS) -> FloatArray:
 
 
 def estimates(result: Result) -> dict[str, dict[str, float]]:
-    """Soil parameters of least squares, published and true ones by name, SI, as far as each gives them.
+    """Soil parameters of the conditional mode, least squares, published and true ones by name, SI.
 
-    What a record fills in to place an estimate in the posterior is left out.
+    What a method does not give, and a record fills in to place it in the posterior, is left out.
     """
     fits, standings = result.record["fits"], result.record["standings"]
     points = {}
-    for method in (name for name in METHODS if name in standings):
-        values = standings[method]["values"].items()
-        points[method] = {n: float(value) for n, value in values if n not in fits[method]["missing"]}
+    for method in (name for name in (CONDITIONAL, *METHODS) if name in standings):
+        values, missing = standings[method]["values"].items(), fits.get(method, {}).get("missing", ())
+        points[method] = {n: float(value) for n, value in values if n not in missing}
     return points | {name: dict(stated.values) for name, stated in result.study.references.items()}
 
 
@@ -82,9 +82,12 @@ def complete(result: Result) -> tuple[str, ...]:
 
 
 def held(result: Result, method: str) -> tuple[str, ...]:
-    """Free parameters of the study that a least-squares method held at a value."""
-    named = result.record.get("fits", {}).get(method, {}).get("held", ())
-    return tuple(name for name in named if name in result.names)
+    """Free parameters of the study that a least-squares method, or any of them for the mode, held at a value."""
+    fits = result.record.get("fits", {})
+    named = {
+        name for each in (fits if method == CONDITIONAL else (method,)) for name in fits.get(each, {}).get("held", ())
+    }
+    return tuple(name for name in result.names if name in named)
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:

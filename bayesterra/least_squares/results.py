@@ -19,6 +19,8 @@ FORCES = ("normal_force", "drawbar_pull", "resistance_moment")
 """The channels that IM1, IM2 and IM3 fit."""
 
 METHODS = ("IM1", "IM2", "IM3", "joint")
+CONDITIONAL = "conditional"
+"""The posterior mode with those parameters held that these methods held."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,16 @@ def _rows(fit: Fit, published: Mapping[str, float]) -> Iterator[tuple[str, str, 
         yield fit.method, name, unit, shown, published.get(name, np.nan) / scale, np.nan
     for channel, error in fit.errors.items():
         yield fit.method, f"error_{channel}", "%", error, np.nan, np.nan
+
+
+def point_rows(
+    method: str, values: Mapping[str, float], study: Study
+) -> Iterator[tuple[str, str, str, float, float, float]]:
+    """Rows of :func:`report_table` for parameters (SI) that another method found."""
+    published = study.published.values if study.published else {}
+    for name, value in values.items():
+        scale = PARAMETERS[name].scale
+        yield method, name, PARAMETERS[name].unit, value / scale, published.get(name, np.nan) / scale, np.nan
 
 
 def print_fits(fits: Mapping[str, Fit], study: Study) -> None:

@@ -252,6 +252,33 @@ def _ends(name: str, law: Law) -> tuple[float, float]:
     return (low, min(high, np.pi / 2 - MARGIN)) if name == "phi" else (low, high)
 
 
+EDGE = 1e-6
+"""Distance from an edge, as a share of the range, within which a point lies on it."""
+
+
+def edges(posterior: Posterior, x: FloatArray) -> dict[str, str]:
+    """Edges of the support that a parameter set (d,) lies on, by parameter: bounds of its prior, and of physics.
+
+    What is bounded by physics is a sum of parameters; ``c1 + 0.1 c2 = 0`` names it.
+    """
+    values = {**posterior.prior.fixed, **dict(zip(posterior.names, map(float, x), strict=True))}
+    found = {}
+    for name, law in posterior.prior.laws.items():
+        for end, word in zip(_ends(name, law), ("lower bound", "upper bound"), strict=True):
+            if end in law.range and abs(values[name] - end) < EDGE * float(np.ptp(_ends(name, law))):
+                found[name] = word
+    for weights, lowest in _physical(posterior):
+        roots = {name: posterior.prior.root(name) for name in weights}
+        free = {name: weight for name, weight in weights.items() if roots[name] in posterior.names}
+        if free and sum(weight * values.get(roots[name], 0.0) for name, weight in weights.items()) - lowest < EDGE:
+            fixed = sum(weights[name] * values.get(roots[name], 0.0) for name in weights if name not in free)
+            sign = 1.0 if next(iter(free.values())) > 0 else -1.0
+            terms = " + ".join(name if sign * w == 1.0 else f"{sign * w:.3g} {name}" for name, w in free.items())
+            words = f"{terms} = {round(sign * (lowest - fixed), 6) + 0.0:.3g}".replace("+ -", "- ")
+            found |= dict.fromkeys(map(roots.__getitem__, free), words)
+    return found
+
+
 def _physical(posterior: Posterior) -> Iterator[tuple[Mapping[str, float], float]]:
     """Weighted sums of soil parameters, and what each must not be below."""
     forward = posterior.likelihood.forward

@@ -43,6 +43,7 @@ class Mark:
 
 
 MARKS = {
+    "conditional": Mark("mode, held", "#0072B2", "v"),
     "IM1": Mark("IM1", "#D55E00", "^", (6.0, 2.0)),
     "IM2": Mark("IM2", "#009E73", "s", (2.0, 1.5)),
     "IM3": Mark("IM3", "#CC79A7", "D", (6.0, 2.0, 1.5, 2.0)),

@@ -12,7 +12,7 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.likelihood.target import Target, chart
+from bayesterra.likelihood.target import Target, chart, edges
 from bayesterra.parameters import DERIVED, PARAMETERS, SIZES, Parameter
 from bayesterra.report.failures import Failures
 from bayesterra.stats.diagnostics import Diagnosis, array_ess, array_r_hat, hdi, monte_carlo_error
@@ -20,6 +20,7 @@ from bayesterra.stats.optimiser import descend
 from bayesterra.study.study import Study
 
 CREDIBLE = 0.9
+INSIDE = "inside"
 DERIVED_DRAWS = 1000
 """Draws per chain, at most, that derived quantities are computed for."""
 
@@ -35,6 +36,8 @@ def summary_table(
 ) -> pd.DataFrame:
     """One row per free parameter, then one per derived quantity that has answers and varies, in field units.
 
+    ``mode_at``: the edge of the prior or of physics that the mode lies on, else ``inside``.
+
     Parameters
     ----------
     chains : near-independent draws (chains, draws, d).
@@ -47,7 +50,8 @@ def summary_table(
     derived = failures.attempt(
         "derived", lambda: _derived_rows(study, posterior, chains, prior, mode), list[dict[str, Any]]
     )
-    return pd.DataFrame(rows + derived)
+    table, at = pd.DataFrame(rows + derived), edges(posterior, mode)
+    return table.assign(mode_at=[at.get(name, INSIDE) for name in table["parameter"]])
 
 
 def parameter_rows(
@@ -147,7 +151,12 @@ class Mode:
     starts: int
 
 
-def find_mode(posterior: Posterior, draws: FloatArray, guesses: Sequence[Mapping[str, float]] = ()) -> Mode:
+def find_mode(
+    posterior: Posterior,
+    draws: FloatArray,
+    guesses: Sequence[Mapping[str, float]] = (),
+    held: Mapping[str, float] | None = None,
+) -> Mode:
     """Maximise the posterior density of the soil parameters, noise held at its posterior median.
 
     Parameters
@@ -155,16 +164,20 @@ def find_mode(posterior: Posterior, draws: FloatArray, guesses: Sequence[Mapping
     posterior : the density.
     draws : posterior draws (n, d); the densest of them are starting points.
     guesses : further starting points, soil parameters by name.
+    held : parameters held at a value: the mode is conditional on it, with a density of 0 where there is none.
     """
-    soil = np.array([not name.startswith(SIZES) for name in posterior.names])
-    held = np.where(soil, draws, np.median(draws, axis=0))
-    density = posterior.log_density(held)
-    starts = held[np.argsort(-density, kind="stable")[_spaced(len(held))]]
-    median = dict(zip(posterior.names, np.median(held, axis=0), strict=True))
-    others = [[{**median, **guess}[name] for name in posterior.names] for guess in guesses]
+    held = held or {}
+    median = {**dict(zip(posterior.names, np.median(draws, axis=0), strict=True)), **held}
+    soil = np.array([not name.startswith(SIZES) and name not in held for name in posterior.names])
+    near = np.where(soil, draws, [median[name] for name in posterior.names])
+    density = posterior.log_density(near)
+    starts = near[np.argsort(-density, kind="stable")[_spaced(len(near))]]
+    others = [[{**median, **guess, **held}[name] for name in posterior.names] for guess in guesses]
     starts = np.vstack([starts, *others])
     starts = starts[posterior.log_density(starts) > -np.inf]
-    target = Target(posterior, chart(posterior, np.vstack([held, starts])), with_prior=True, anchor=None)
+    if not len(starts):
+        return Mode(near[0], -np.inf, 0, 0)
+    target = Target(posterior, chart(posterior, np.vstack([near, starts])), with_prior=True, anchor=None)
     y = descend(target, target.chart.from_physical(starts), np.broadcast_to(~soil, starts.shape), MOST).y
     ends = np.where(soil, target.chart.to_physical(y), starts)
     levels = posterior.log_density(ends)

@@ -63,6 +63,7 @@ SHAPES = {
     "D": "M0 -4.8L4.8 0L0 4.8L-4.8 0Z",
     "X": "M-4 -2.2L-2.2 -4L0 -1.8L2.2 -4L4 -2.2L1.8 0L4 2.2L2.2 4L0 1.8L-2.2 4L-4 2.2L-1.8 0Z",
     "o": "M-4 0A4 4 0 1 1 4 0A4 4 0 1 1 -4 0Z",
+    "v": "M0 4.6L4.4 -3.4L-4.4 -3.4Z",
     "<": "M-5 0L3 -4L3 4Z",
     ">": "M5 0L-3 -4L-3 4Z",
 }
@@ -83,6 +84,7 @@ class StripRow:
     hdi: str
     mode: str
     mode_outside: bool
+    mode_at: str
     word: str
     remark: Markup
 
@@ -106,8 +108,8 @@ def strip_row(
         description=angles(quantity.description + (", log scale" if along.log else "")),
         unit=raised(quantity.unit), low=axis_end(along.low, along), high=axis_end(along.high, along),
         drawing=drawing(draws, along, row, points, hollow), median=rounded(row.median, step),
-        hdi=interval(*row.hdi), mode=rounded(row.mode, step), mode_outside=row.mode_outside, word=words[0],
-        remark=words[1],
+        hdi=interval(*row.hdi), mode=rounded(row.mode, step), mode_outside=row.mode_outside,
+        mode_at="" if row.mode_at == "inside" else row.mode_at, word=words[0], remark=words[1],
     )  # fmt: skip
 
 

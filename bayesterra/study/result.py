@@ -343,6 +343,7 @@ class SummaryRow:
     r_hat: float
     prior_mean: float
     prior_sd: float
+    mode_at: str = "inside"
 
     @property
     def hdi(self) -> tuple[float, float]:
@@ -398,8 +399,11 @@ def shown(verdict: str) -> str:
 
 def summary_rows(result: DrawnResult) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
-    names = [column.name for column in fields(SummaryRow)]
-    return {name: SummaryRow(**{key: float(row[key]) for key in names}) for name, row in _records(result.summary)}
+    names = [column.name for column in fields(SummaryRow) if column.name != "mode_at"]
+    return {
+        name: SummaryRow(**{key: float(row[key]) for key in names}, mode_at=str(row.get("mode_at", "inside")))
+        for name, row in _records(result.summary)
+    }
 
 
 def identifiability_rows(result: Result) -> dict[str, IdentifiabilityRow]:

@@ -175,7 +175,20 @@ def test_words_say_where_the_mode_leaves_the_bulk(small_result: Result) -> None:
 
 def test_words_say_that_a_parameter_was_held(small_result: Result) -> None:
     """The shipped study holds K_s in least squares, as the paper's solver did."""
-    assert "held Ks at" in _plain(findings_page.about_least_squares(small_result))
+    text = _plain(findings_page.about_least_squares(small_result))
+    assert "held Ks at" in text
+    assert "the free mode is denser by Δχ² 0.1" in text
+
+
+def test_a_mode_on_the_physical_cut_is_marked(small_result: Result, html: str) -> None:
+    """HIT: the densest point has θm = θ2 at the smallest slip; the strip, the words and the summary say so."""
+    rows = small_result.summary.set_index("parameter")["mode_at"]
+    assert rows["c1"] == rows["c2"] == "c1 + 0.1 c2 = 0"
+    assert set(rows.drop(["c1", "c2"])) == {"inside"}
+    assert "It lies on an edge (†), not on a summit: c1 + 0.1 c2 = 0." in _plain(
+        findings_page.about_the_mode(small_result)
+    )
+    assert len(re.findall(r"†</td>", html)) == 2
 
 
 def test_words_on_standings_follow_the_record(small_result: Result) -> None:
@@ -218,10 +231,10 @@ def test_marks_that_would_overlap_take_different_lanes() -> None:
 
 
 def test_strip_shows_every_parameter_with_its_estimates(small_result: Result, content: Page) -> None:
-    """Each row draws the four methods and the published value."""
+    """Each row draws the four methods, the mode with K_s held as they held it, and the published value."""
     rows = content.strip
     assert len(rows) == len(small_result.names)
-    assert all(str(row.drawing).count("<title>") == 5 for row in rows)
+    assert all(str(row.drawing).count("<title>") == 6 for row in rows)
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ GROUPS = {
 }  # fmt: skip
 SUMMARY = [
     "parameter", "unit", "mode", "mean", "median", "sd", "hdi90_lo", "hdi90_hi",
-    "mcse_mean", "mcse_median", "mcse_sd", "ess_bulk", "ess_tail", "r_hat", "prior_mean", "prior_sd",
+    "mcse_mean", "mcse_median", "mcse_sd", "ess_bulk", "ess_tail", "r_hat", "prior_mean", "prior_sd", "mode_at",
 ]  # fmt: skip
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from bayesterra.least_squares.fit import fit
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.target import edges
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.sampler import sample
 from bayesterra.sampling.summary import find_mode
@@ -110,6 +111,33 @@ def test_guesses_are_starting_points(make_study: MakeStudy, noisy: pd.DataFrame)
     mode = find_mode(density, draws, [joint, {**joint, "n0": -3.0}])
     best = density.log_density(np.array([joint[name] for name in density.names]))[0]
     assert mode.log_density >= best - 1e-9
+
+
+def test_a_mode_with_a_parameter_held_is_the_best_there(make_study: MakeStudy, noisy: pd.DataFrame) -> None:
+    """No draw moved to the held value is denser, the free mode is; where nothing is possible there is none."""
+    density = posterior(make_study(data=noisy, free=FREE))
+    draws = draw_cut_prior(density, 2000, np.random.default_rng(1)).x
+    free = find_mode(density, draws)
+    at = {"phi": float(free.x[2]) + 0.1}
+    mode = find_mode(density, draws, held=at)
+    moved = free.x + np.random.default_rng(2).normal(size=(4000, 4)) * [0.01, 50.0, 0.0, 1e-3]
+    moved[:, 2] = at["phi"]
+    assert mode.x[2] == at["phi"]
+    assert free.log_density > mode.log_density > density.log_density(moved).max() - 1e-3
+    assert find_mode(density, draws, held={"phi": -1.0}).log_density == -np.inf
+
+
+def test_edges_are_named(make_study: MakeStudy, noisy: pd.DataFrame) -> None:
+    """Bounds of the prior, and sums that physics bounds; a point inside has none."""
+    density = posterior(make_study(data=noisy, free=("n0", "c1", "c2")))
+    low, high = density.prior.laws["n0"].range
+    slips = density.likelihood.observations.slip
+    assert edges(density, np.array([0.5 * (low + high), 0.3, 0.1])) == {}
+    assert edges(density, np.array([high, 0.3, 0.1])) == {"n0": "upper bound"}
+    assert set(edges(density, np.array([0.9, -slips.min() * 0.7, 0.7])).values()) == {f"c1 + {slips.min():.3g} c2 = 0"}
+    assert set(edges(density, np.array([0.9, 1 - slips.max() * 0.7, 0.7])).values()) == {
+        f"c1 + {slips.max():.3g} c2 = 1"
+    }
 
 
 def test_one_free_parameter_has_a_mode(make_study: MakeStudy, noisy: pd.DataFrame) -> None:
