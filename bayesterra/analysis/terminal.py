@@ -32,6 +32,7 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     groups = whole_posterior(study).groups
     cuts = {name: draw_cut_prior(own, 1000, np.random.default_rng(0)) for name, own in groups.items()}
     console.print(_general(study))
+    console.print(_columns(study))
     console.print(_measurements(study))
     console.print(_priors(study))
     for names, source in study.prior.sources.items():
@@ -94,6 +95,15 @@ def _error(error: Discrepancy | Ripple | SlipError) -> tuple[str, str]:
         crests = "" if np.isinf(error.period) else f", crests {error.period:g} rows apart"
         return "ripple", f"{channel.name}: sd {size}, memory of {error.memory:g} rows{crests}"
     return "slip", f"read with an error of sd {size}"
+
+
+def _columns(study: Study) -> Table:
+    """How the table was understood, column by column."""
+    rows = study.observations
+    table = Table("column", "is", "in", "readings", title=f"Columns{f' ({rows.form})' if rows.form else ''}")
+    for heading in rows.headings:
+        table.add_row(heading.header, heading.name or "–", heading.remark, heading.readings)
+    return table
 
 
 def _measurements(study: Study) -> Table:

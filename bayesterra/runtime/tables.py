@@ -7,12 +7,15 @@ one that begins with apostrophes before any of these. Our own readers take that 
 
 from __future__ import annotations
 
+import codecs
 import csv
 import json
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from io import StringIO
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from datetime import date, time
+from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TextIO
 
@@ -21,7 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.runtime.folders import write_text
-from bayesterra.runtime.reading import MOST_TABLE, read_json, read_text, reason
+from bayesterra.runtime.reading import MEGABYTE, MOST_TABLE, read_bytes, read_json, read_text, reason
 
 LONGEST = 10_000
 """Characters, at most, of a cell."""
@@ -84,34 +87,236 @@ def read_csv(path: Path) -> pd.DataFrame:
     return _with_texts(pd.read_csv(StringIO(text)), unshielded)
 
 
-def read_cells(path: Path) -> list[list[str]]:
-    """Lines of a CSV file as texts, none of them blank; StudyError without one, or where it is too large."""
+def read_cells(
+    path: Path, sheet: str = "", decimal: str | None = None, *, size: int = MOST_TABLE, rows: int = MOST_ROWS
+) -> tuple[list[list[Any]], str]:
+    """Lines of a table as people have them, none of them blank, and what its form is in words.
+
+    Parameters
+    ----------
+    path : text in UTF-8, UTF-16 or Latin-1, separated by commas, semicolons or tabs; or an Excel workbook.
+    sheet : of the workbook; needed where it has several.
+    decimal : ``,`` or ``.``; the other one then stands between thousands. By default what the cells tell.
+    size, rows : bytes and rows, at most.
+
+    Returns
+    -------
+    cells : header first, all lines of its length. Numbers in text have decimal points; numbers of a
+        workbook are numbers, its dates texts.
+    form : e.g. ``UTF-16, tabs, decimal commas``.
+
+    Raises
+    ------
+    StudyError : there is no such file, it is too large, no table, or can be read in two ways; what to do.
+    """
     try:
-        return list(_lines(StringIO(read_text(path, MOST_TABLE), newline="")))
+        content = read_bytes(path, size)
     except FileNotFoundError as error:
         raise StudyError("no such file of measurements") from error
     except OSError as error:
         raise StudyError(f"cannot be read ({reason(error)})") from error
+    if content.startswith(b"\xd0\xcf\x11\xe0"):
+        raise StudyError("is a workbook of an old form: save it as .xlsx or as CSV")
+    workbook = content.startswith(b"PK")
+    if sheet and not workbook:
+        raise StudyError(f"is no .xlsx workbook, so it has no sheet '{sheet}': leave 'sheet' out")
+    lines, form = _sheet(content, sheet, rows) if workbook else _separated(*_decoded(content), rows)
+    cells = _rectangular(lines)
+    doubtful = ",." if form.endswith(SEPARATORS[";"]) else ","  # beside commas "1.234" has a decimal point
+    pointed, mark = _with_points(cells, decimal, doubtful=doubtful)
+    return pointed, f"{form}, {mark}" if mark else form
+
+
+def _decoded(content: bytes) -> tuple[str, str]:
+    """Text and the name of its encoding; StudyError where it is damaged UTF-8, or no text."""
+    wide = content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+    if wide or b"\0" in content[:2]:
+        name = "utf-16" if wide else "utf-16-be" if content[:1] == b"\0" else "utf-16-le"
+        try:
+            return content.decode(name), "UTF-16"
+        except UnicodeDecodeError as error:
+            raise StudyError(f"must be text (byte {error.start} is no UTF-16)") from error
+    try:
+        return content.decode("utf-8-sig"), "UTF-8"
     except UnicodeDecodeError as error:
-        raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
+        if not content.decode("utf-8", "ignore").isascii() or b"\0" in content:
+            raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
+    return content.decode("latin-1"), "Latin-1"
 
 
-def _lines(text: Iterable[str], most: int | None = MOST_ROWS) -> Iterator[list[str]]:
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
+
+
+def _separated(text: str, encoding: str, most: int) -> tuple[list[list[str]], str]:
+    """Lines of a text, and its form; StudyError where the header leaves two separators open."""
+    first, _, rest = text.lstrip("\r\n").partition("\n")
+    if stated := re.fullmatch(r"sep=([,;\t])\r?", first):  # as Excel writes it
+        text, separators = rest, [stated[1]]
+    else:
+        bare = re.sub(r'"[^"]*"|\[[^\]]*\]|\([^)]*\)', "", first)
+        separators = [separator for separator in SEPARATORS if separator in bare] or [","]
+    tables = {each: list(_lines(StringIO(text, newline=""), most, each)) for each in separators}
+    even = {each: lines for each, lines in tables.items() if len({len(line) for line in lines}) == 1}
+    if len(tables) > 1 and len(even) != 1:
+        names = " or ".join(SEPARATORS[each] for each in tables)
+        raise StudyError(f"columns may be separated by {names}: take the others out of the header (got {first!r:.80})")
+    separator, lines = next(iter((even or tables).items()))
+    return lines, f"{encoding}, {SEPARATORS[separator]}"
+
+
+MOST_UNPACKED = 256 * MEGABYTE
+
+
+def _sheet(content: bytes, sheet: str, most: int) -> tuple[list[list[Any]], str]:
+    """Lines of a sheet of an Excel workbook, by openpyxl: pandas takes cells with errors for empty ones."""
+    try:
+        import openpyxl
+    except ImportError as error:
+        raise StudyError("Excel workbooks need openpyxl: pip install 'bayesterra[excel]', or save as CSV") from error
+    try:
+        with zipfile.ZipFile(BytesIO(content)) as archive:
+            if sum(member.file_size for member in archive.infolist()) > MOST_UNPACKED:
+                raise StudyError(f"is larger than {MOST_UNPACKED // MEGABYTE} MB when unpacked")
+        book = openpyxl.load_workbook(BytesIO(content), read_only=True, data_only=True)
+        names = [page.title for page in book.worksheets]
+        chosen = _chosen_sheet(sheet, names)
+        page = book[chosen]
+        page.reset_dimensions()  # which other programs write as they like
+        lines = list(_sheet_lines(page.iter_rows(values_only=True), most))
+        width = max(map(len, lines), default=0)
+        return [[*line, *[""] * (width - len(line))] for line in lines], f"Excel, sheet '{chosen}'"
+    except StudyError:
+        raise
+    except Exception as error:  # a damaged workbook fails in zip, XML or openpyxl, each with errors of its own
+        raise StudyError(f"is no Excel workbook that can be read ({reason(error)})") from error
+
+
+def _chosen_sheet(sheet: str, names: Sequence[str]) -> str:
+    listed = ", ".join(f"'{name}'" for name in names)
+    if sheet and sheet not in names:
+        raise StudyError(f"has no sheet '{sheet}' (it has {listed})")
+    if not sheet and len(names) != 1:
+        raise StudyError(
+            f"has {len(names)} sheets ({listed}): say which, e.g. sheet = {json.dumps(names[0])} in [data] (or --sheet)"
+        )
+    return sheet or names[0]
+
+
+def _sheet_lines(rows: Iterable[Sequence[Any]], most: int) -> Iterator[list[Any]]:
+    """Lines of a sheet that are not blank, within the limits; dates as texts."""
+    count = 0
+    for row in rows:
+        cells = ["" if cell is None else str(cell) if isinstance(cell, date | time) else cell for cell in row]
+        while cells and not str(cells[-1]).strip():
+            cells.pop()
+        _check_cells(cells, count)
+        if cells:
+            count += 1
+            yield cells
+        if count > most + 1:
+            raise StudyError(f"must have at most {most} rows")
+
+
+def _rectangular(lines: list[list[Any]]) -> list[list[Any]]:
+    """Lines as long as the header, without columns that have neither header nor cells; StudyError else."""
+    if len(lines) < 2:
+        raise StudyError("must hold a header and at least one row of measurements (the table is empty)")
+    width = max((i for i, name in enumerate(lines[0], start=1) if str(name).strip()), default=0)
+    for number, line in enumerate(lines[1:], start=1):
+        if len(line) < width or any(str(cell).strip() for cell in line[width:]):
+            raise StudyError(f"every row must have {width} cells (got {len(line)}, row {number})")
+    kept = [i for i in range(width) if any(str(line[i]).strip() for line in lines)]
+    return [[line[i] for i in kept] for line in lines]
+
+
+_PLAIN = {mark: re.compile(rf"[-+]?(\d+({re.escape(mark)}\d*)?|{re.escape(mark)}\d+)([eE][-+]?\d+)?") for mark in ",."}
+_GROUPED = {
+    mark: re.compile(rf"[-+]?[1-9]\d{{0,2}}({re.escape(other)}\d{{3}})+({re.escape(mark)}\d*)?")
+    for mark, other in (",.", ".,")
+}
+"""Numbers with a decimal mark; and with the other one between thousands."""
+
+
+def _readings(cell: str) -> dict[str, str]:
+    """Python's text of a number under each decimal mark that it may be written with."""
+    found = {}
+    for mark, other in (",.", ".,"):
+        if _PLAIN[mark].fullmatch(cell):
+            found[mark] = cell.replace(mark, ".")
+        elif _GROUPED[mark].fullmatch(cell):
+            found[mark] = cell.replace(other, "").replace(mark, ".")
+    return found
+
+
+def _with_points(lines: list[list[Any]], decimal: str | None, *, doubtful: str) -> tuple[list[list[Any]], str]:
+    """Lines with decimal points in their numbers, and how they were written.
+
+    StudyError where cells contradict each other, or one may stand for two numbers. ``doubtful`` marks are
+    not taken for decimal ones without a cell that shows it.
+    """
+    marked = {mark for line in lines[1:] for cell in line if isinstance(cell, str) for mark in ",." if mark in cell}
+    if decimal != "," and not marked & {",", *doubtful}:
+        return lines, ""
+    mark = decimal or _decimal_mark(lines[1:], doubtful)
+    pointed = [[_pointed(cell, mark) for cell in line] for line in lines[1:]]
+    return [lines[0], *pointed], "decimal commas" if mark == "," else "decimal points"
+
+
+def _decimal_mark(rows: list[list[Any]], doubtful: str) -> str:
+    """What separates decimals in the numbers of rows; StudyError where they leave that open."""
+    shown: dict[str, str] = {}
+    either: dict[str, str] = {}
+    for row, line in enumerate(rows, start=1):
+        for cell in line:
+            bare = cell.strip().lstrip("<> ") if isinstance(cell, str) and ("," in cell or "." in cell) else ""
+            readings = _readings(bare) if bare else {}
+            if len(readings) == 1:
+                shown.setdefault(next(iter(readings)), f"'{bare}', row {row}")
+            elif readings:
+                mark = "," if "," in bare else "."
+                either.setdefault(mark, f"'{bare}' in row {row} may be {' or '.join(readings.values())}")
+    if len(shown) == 2:
+        raise StudyError(f"has decimal commas ({shown[',']}) and points ({shown['.']}){_ASKED}")
+    mark = next(iter(shown), "," if "," in either else ".")
+    for other, doubt in either.items():
+        if other != mark or (not shown and other in doubtful):
+            raise StudyError(f"{doubt}{_ASKED}")
+    return mark
+
+
+_ASKED = ': say what separates decimals, decimal = "," or decimal = "." in [data] (or --decimal)'
+
+
+def _pointed(cell: Any, mark: str) -> Any:
+    """A cell with a decimal point, where it is text of a number under a decimal mark."""
+    if not isinstance(cell, str) or not ("," in cell or "." in cell):
+        return cell
+    sign = cell.strip()[:1] if cell.strip()[:1] in ("<", ">") else ""
+    reading = _readings(cell.strip().lstrip("<> ")).get(mark)
+    return sign + reading if reading else cell
+
+
+def _lines(text: Iterable[str], most: int | None = MOST_ROWS, separator: str = ",") -> Iterator[list[str]]:
     """Lines that are not blank, within the limits."""
     count = 0
     try:
-        for line in csv.reader(text, strict=True):
-            if len(line) > MOST_COLUMNS:
-                raise StudyError(f"must have at most {MOST_COLUMNS} columns (got {len(line)})")
-            if any(len(cell) > LONGEST for cell in line):
-                raise StudyError(f"cells must have at most {LONGEST} characters (row {count})")
+        for line in csv.reader(text, strict=True, delimiter=separator):
+            _check_cells(line, count)
             if any(cell.strip() for cell in line):
                 count += 1
                 yield [unshielded(cell) for cell in line]
             if most is not None and count > most + 1:
                 raise StudyError(f"must have at most {most} rows")
     except csv.Error as error:
-        raise StudyError(f"must be a table of comma-separated values ({error})") from error
+        words = f"{SEPARATORS[separator].removesuffix('s')}-separated"
+        raise StudyError(f"must be a table of {words} values ({error})") from error
+
+
+def _check_cells(line: Sequence[Any], row: int) -> None:
+    if len(line) > MOST_COLUMNS:
+        raise StudyError(f"must have at most {MOST_COLUMNS} columns (got {len(line)})")
+    if any(isinstance(cell, str) and len(cell) > LONGEST for cell in line):
+        raise StudyError(f"cells must have at most {LONGEST} characters (row {row})")
 
 
 def rows_of_cells(text: TextIO) -> Iterator[list[str]]:

@@ -320,7 +320,7 @@ def _columns(table: pd.DataFrame, kind: str) -> dict[str, Column]:
             raise StudyError(f"unknown column '{header}' of {kind} tests{did_you_mean(name, WANTED[kind])}")
         return unit_scale(header, name, unit, COLUMNS[name]) if name in COLUMNS else 1.0
 
-    columns = named_columns(table, scale)
+    columns = named_columns(table, scale, WANTED[kind])
     needed = ("test", "plate_diameter", "sinkage") if kind == "plate" else WANTED["shear"][:-1]
     for name in needed:
         if name not in columns:

@@ -89,10 +89,14 @@ FORM = 2
 """Number of that form: fingerprints of studies in another one do not compare."""
 
 
+OF_THE_TABLE = ("notes", "labels", "limits", "headings", "form")
+"""What of the rows does not count for their fingerprint, or apart."""
+
+
 def fingerprint(study: Study) -> dict[str, str]:
     """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
     content = {name: value for name, value in _sourceless(tables(study)).items() if name != "sampling"}
-    named = (field.name for field in fields(Observations) if field.name not in ("notes", "labels", "limits"))
+    named = (field.name for field in fields(Observations) if field.name not in OF_THE_TABLE)
     rows = {name: getattr(study.observations, name) for name in named}
     if study.observations.limits:
         rows["limits"] = study.observations.limits

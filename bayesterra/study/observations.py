@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,19 +14,22 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
-from bayesterra.errors import StudyError, checked_name, did_you_mean, errors_after
+from bayesterra.errors import StudyError, checked_name, did_you_mean, enumerated, errors_after, suggestion
 from bayesterra.models import Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
 from bayesterra.runtime.tables import read_cells
 from bayesterra.study.noise import LEAST
-from bayesterra.study.units import column_header, factor
+from bayesterra.study.units import REMARKS, STANDARD_GRAVITY, column_header, column_name, factor
 
 SD_SUFFIX = "_sd"
 MOST_LOAD = 1e12
 """N, at most, of a load: beyond it sums and squares overflow."""
 MOST = 1e4
 """Pull and moment (at an arm of 1 m), at most, as a multiple of the greatest load in the table."""
+MASSES = ("kg",)
+"""Units of mass that a force may be given in."""
+WEIGHT = f"kg: the weight of that mass under standard gravity, {STANDARD_GRAVITY} m/s²"
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
 _PLAIN = ("slip", "wheel", "use")
@@ -49,6 +53,8 @@ class Observations:
     limits : (m, 2) for channels of which a reading is known only to lie below or above a limit: a reading at
         or below the first means anything below it, one at or above the second anything above; −inf and +inf
         where the row has none.
+    headings : how every column of the table was understood.
+    form : encoding, separators and decimal marks of the file.
     """
 
     wheel: tuple[str, ...]
@@ -61,6 +67,8 @@ class Observations:
     notes: tuple[str, ...] = ()
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     limits: Mapping[str, FloatArray] = field(default_factory=dict)
+    headings: tuple[Heading, ...] = ()
+    form: str = ""
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -153,24 +161,19 @@ class Observations:
             notes=self.notes,
             labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
             limits={name: frozen(ends[keep]) for name, ends in self.limits.items()},
+            headings=self.headings, form=self.form,
         )  # fmt: skip
 
 
-def read_table(path: str | Path) -> pd.DataFrame:
-    """A CSV file as text cells; StudyError where it is none, or a row is of another length than the header.
+def read_table(path: str | Path, sheet: str = "", decimal: str | None = None, **most: int) -> pd.DataFrame:
+    """A table as people have them, as :func:`bayesterra.runtime.tables.read_cells` reads it; texts or numbers.
 
-    Blank lines do not count as rows.
+    Blank lines do not count as rows. ``attrs["form"]`` says what the form of the file is.
     """
-    lines = read_cells(Path(path))
-    if len(lines) < 2:
-        raise StudyError("must hold a header and at least one row of measurements (the table is empty)")
-    header, *rows = lines
-    if len(header) == 1 and ";" in header[0]:
-        raise StudyError(f"columns must be separated by commas (got {header[0]!r})")
-    for number, row in enumerate(rows, start=1):
-        if len(row) != len(header):
-            raise StudyError(f"every row must have {len(header)} cells (got {len(row)}, row {number})")
-    return pd.DataFrame(rows, columns=pd.Index(header), dtype=str)
+    (header, *rows), form = read_cells(Path(path), sheet, decimal, **most)
+    table = pd.DataFrame(rows, columns=pd.Index(map(str, header)), dtype=object)
+    table.attrs["form"] = form
+    return table
 
 
 def observations(
@@ -191,7 +194,7 @@ def observations(
     """
     if len(table) == 0:
         raise StudyError("must hold at least one row of measurements (the table is empty)")
-    columns = named_columns(table, _column_scale)
+    columns = named_columns(table, _column_scale, _known_columns())
     raw = Observations(
         wheel=_wheel_names(columns, len(table), tuple(wheels)), slip=required(columns, "slip"),
         load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
@@ -200,9 +203,11 @@ def observations(
         given_sd=_given_sd(columns, len(table)), use=used_rows(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
         labels={name: labels(columns[name]) for name in LABELS if name in columns},
+        notes=tuple(f"column '{each.header}' in {WEIGHT}" for each in columns.values() if each.unit in MASSES),
+        headings=headings(table, columns), form=table.attrs.get("form", ""),
     )  # fmt: skip
     rows = _referenced(raw, wheels, slip_reference, sinkage_reference)
-    return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels) for i in range(len(raw))])
+    return sifted(rows, [_problem(rows, i, float(raw.slip[i]), wheels, columns) for i in range(len(raw))])
 
 
 @dataclass(frozen=True)
@@ -212,10 +217,28 @@ class Column:
     name: str
     cells: list[Any]
     scale: float
+    header: str = ""
+    unit: str = ""
+
+    @property
+    def stated(self) -> str:
+        """Unit as it was typed, with a space before it, for a message."""
+        return f" {self.unit}" if self.unit else ""
 
     def si(self) -> FloatArray:
         """The cells as SI numbers, NaN where empty."""
         return self._numbers(self.cells)
+
+    def heading(self) -> Heading:
+        """How the column was understood: its unit, and its readings as they were typed."""
+        if self.name in ("wheel", *LABELS):
+            return Heading(self.header, self.name, "names", ", ".join(dict.fromkeys(map(str, self.cells))))
+        values = self.readings() / self.scale
+        there = values[~np.isnan(values)]
+        ends = f", {there.min():g} to {there.max():g}" if there.size else ""
+        return Heading(
+            self.header, self.name, WEIGHT if self.unit in MASSES else self.unit or "no unit", f"{there.size}{ends}"
+        )
 
     def _numbers(self, cells: Sequence[Any]) -> FloatArray:
         values = [self._number(cell, row) for row, cell in enumerate(cells, start=1)]
@@ -249,22 +272,83 @@ class Column:
                 raise TypeError
             value = float(cell.replace("_", "?")) if isinstance(cell, str) else float(cell)
         except (TypeError, ValueError):
-            raise StudyError(f"'{self.name}' must be a number or empty (got {cell!r}, row {row})") from None
+            dated = ": a spreadsheet made a date of it" if _DATE.fullmatch(str(cell).strip()) else ""
+            raise StudyError(f"'{self.name}' must be a number or empty (got {cell!r}, row {row}){dated}") from None
         if np.isinf(value) or (isinstance(cell, str) and np.isnan(value)):
             raise StudyError(f"'{self.name}' must be finite or empty (got {cell}, row {row})")
         return value
 
 
-def named_columns(table: pd.DataFrame, scale: Callable[[str, str, str | None], float]) -> dict[str, Column]:
-    """Columns of a table by name, each once; ``scale``: SI value of a unit by header, name, unit."""
+_DATE = re.compile(r"\d{4}-\d\d-\d\d.*|\d{1,2}[./]\d{1,2}[./]\d{2,4}.*")
+
+
+@dataclass(frozen=True)
+class Heading:
+    """How a column was understood.
+
+    Attributes
+    ----------
+    header : as it stands in the table.
+    name : of what it holds; empty where it is left alone.
+    remark : unit and conversion, or why it is left alone.
+    readings : how many there are, and between what.
+    """
+
+    header: str
+    name: str
+    remark: str
+    readings: str = ""
+
+
+def named_columns(
+    table: pd.DataFrame, scale: Callable[[str, str, str | None], float], known: Collection[str]
+) -> dict[str, Column]:
+    """Columns of a table by name, each once, without those that are left alone.
+
+    Parameters
+    ----------
+    scale : SI value of a unit by header, name, unit; StudyError where there is no such column or unit.
+    known : names that the table may have; headers may also be their synonyms.
+    """
     columns: dict[str, Column] = {}
-    for position, header in enumerate(table.columns):
+    for position, header in enumerate(map(str, table.columns)):
         name, unit = column_header(header)
-        scaled = scale(str(header), name, unit)
+        name, cells = column_name(name, known), list(table.iloc[:, position])
+        if name not in known and _left_alone(header, cells, known):
+            continue
+        scaled = scale(header, name, unit)
         if name in columns:
-            raise StudyError(f"column '{name}' must appear once (it appears twice)")
-        columns[name] = Column(name, list(table.iloc[:, position]), scaled)
+            both = {columns[name].header, header}
+            which = f"columns {enumerated([repr(each) for each in sorted(both)])} both hold it" if len(both) > 1 else ""
+            raise StudyError(f"column '{name}' must appear once ({which or 'it appears twice'})")
+        columns[name] = Column(name, cells, scaled, header, "" if unit in (None, "-") else str(unit))
     return columns
+
+
+def _left_alone(header: str, cells: Sequence[Any], known: Collection[str]) -> bool:
+    """True for remarks: columns that say so in their header, or hold texts and have no name like a known one."""
+    words = header.casefold().split()
+    if words and (words[0].strip(":") in REMARKS or words[0].startswith("#")):
+        return True
+    texts = [cell for cell in cells if isinstance(cell, str) and cell.strip()]
+    return len(texts) == len(cells) > 0 and not any(map(_is_number, texts)) and not suggestion(header, known)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def headings(table: pd.DataFrame, columns: Mapping[str, Column]) -> tuple[Heading, ...]:
+    """How every column of a table was understood."""
+    by_header = {column.header: column for column in columns.values()}
+    return tuple(
+        by_header[header].heading() if header in by_header else Heading(header, "", "left alone")
+        for header in map(str, table.columns)
+    )
 
 
 def _column_scale(header: str, name: str, unit: str | None) -> float:
@@ -272,7 +356,8 @@ def _column_scale(header: str, name: str, unit: str | None) -> float:
     if name in ("wheel", "use", *LABELS) and unit is None:
         return 1.0
     if channel is None or name == "slip" + SD_SUFFIX:
-        raise StudyError(f"unknown column '{header}'{did_you_mean(name, _known_columns())}")
+        alone = "; one that is to be left alone begins with 'remark'"
+        raise StudyError(f"unknown column '{header}'{did_you_mean(name, _known_columns())}{alone}")
     return unit_scale(header, name, unit, channel)
 
 
@@ -281,6 +366,8 @@ def unit_scale(header: str, name: str, unit: str | None, channel: Channel) -> fl
     pure = unit in (None, "", "-")
     if pure and channel.dimension:
         raise StudyError(f"column '{name}' needs a unit, e.g. '{name} [{channel.unit}]' (got '{header}')")
+    if channel.dimension == "N" and unit in MASSES:
+        return STANDARD_GRAVITY
     with errors_after(f"column '{header}': "):
         return factor(unit or "", channel.dimension) if not pure else 1.0
 
@@ -350,8 +437,8 @@ def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArra
             raise StudyError(f"column '{name}' needs a column '{channel}' beside it")
         if (values < LEAST).any():
             row = _first(values < LEAST)
-            rule = "above 0" if values[row - 1] <= 0 else f"at least {LEAST:g} in SI units"
-            raise StudyError(f"'{name}' must be {rule} (got {column.cells[row - 1]}, row {row})")
+            rule = "above 0" if values[row - 1] <= 0 else f"at least {LEAST / column.scale:g}{column.stated}"
+            raise StudyError(f"'{name}' must be {rule} (got {column.cells[row - 1]}{column.stated}, row {row})")
         sd[channel] = values
     return sd
 
@@ -389,24 +476,31 @@ def sifted(observations: Observations, problems: Sequence[str | None]) -> Observ
     return replace(observations, notes=observations.notes + notes).take(keep)
 
 
-def _problem(rows: Observations, index: int, slip: float, wheels: Mapping[str, Wheel]) -> str | None:
-    """The problem that takes one row outside the model's range, or None."""
+def _problem(
+    rows: Observations, index: int, slip: float, wheels: Mapping[str, Wheel], columns: Mapping[str, Column]
+) -> str | None:
+    """The problem that takes one row outside the model's range, in the units of the table; or None."""
     row, radius = rows.rows[index], wheels[rows.wheel[index]].radius
     converted, load = float(rows.slip[index]), float(rows.load[index])
+
+    def typed(name: str, value: float) -> str:
+        return f"{value / columns[name].scale:.6g}{columns[name].stated}"
+
     if not 0 <= converted < 1:
-        became = "" if converted == slip else f", on the shearing radius {converted:.4g}"
-        percent = ": percent stand in a column 'slip [%]'" if slip > 1.5 else ""
-        return f"'slip' must lie in [0, 1) (got {slip:g}{became}, row {row}){percent}"
+        became = "" if converted == slip else f", on the shearing radius {converted / columns['slip'].scale:.4g}"
+        percent = ": percent stand in a column 'slip [%]'" if slip > 1.5 and not columns["slip"].unit else ""
+        unit = columns["slip"].stated
+        got = f"got {typed('slip', slip)}{became}{unit if became else ''}, row {row}"
+        return f"'slip' must lie in [0, {1 / columns['slip'].scale:g}){unit} ({got}){percent}"
     for name, column in {"load": rows.load, **rows.values}.items():
         most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(name, _most(rows, radius))
         if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
-            unit = CHANNELS[name].dimension
-            return f"'{name}' must lie within ±{most:g} {unit} (got {column[index]:g} {unit}, row {row})"
+            return f"'{name}' must lie within ±{typed(name, most)} (got {typed(name, column[index])}, row {row})"
     if load <= 0:
-        return f"'load' must be above 0 (got {load:g} N, row {row})"
-    if "sinkage" in rows.values and rows.values["sinkage"][index] >= radius:
-        sinkage = rows.values["sinkage"][index]
-        return f"'sinkage' must be below the wheel radius {radius:g} m (got {sinkage:g} m, row {row})"
+        return f"'load' must be above 0 (got {typed('load', load)}, row {row})"
+    if "sinkage" in rows.values and (sinkage := float(rows.values["sinkage"][index])) >= radius:
+        below, got = typed("sinkage", radius), typed("sinkage", sinkage)
+        return f"'sinkage' must be below the wheel radius {below} (got {got}, row {row})"
     return None
 
 

@@ -211,9 +211,11 @@ class Table:
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class DataTable(Table):
-    """Place of the measurements."""
+    """Place of the measurements, and what their table leaves open."""
 
     file: Text
+    sheet: Text = ""
+    decimal: Literal[",", "."] | None = None
     slip_reference: Literal["rim", "tip", "shearing"]
     sinkage_reference: Literal["rim", "tip"] = "rim"
     kind: Literal["measured", "simulated", "digitised"] = "measured"

@@ -204,9 +204,10 @@ def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFram
         tables = {field.name: getattr(content, field.name) for field in fields(content)}
         described = asdict(tables.pop("data"))
         tables["priors"] = content.priors.beside(path)
+        form = {key: described.pop(key) for key in ("sheet", "decimal")}
         described["file"] = str(path.parent / content.data.file) if table is None else "the rows"
         with errors_in(described["file"]):
-            table = read_table(described["file"]) if table is None else table
+            table = read_table(described["file"], **form) if table is None else table
         return Study(table, path=path, prior_only=prior_only, **described, **tables)
 
 

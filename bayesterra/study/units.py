@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from functools import cache, lru_cache
 from typing import Any
 
@@ -28,6 +29,30 @@ _POWERS = re.compile(r"\d\s*\d|(\^|\*\*)[^*/]*(\^|\*\*)")
 LONGEST = 200
 """Characters, at most, of a quantity or the header of a column: patterns are slow on long texts."""
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
+_ROUND_HEADER = re.compile(r"\s*([^()]*?)\s*\(([^()]*)\)\s*")
+STANDARD_GRAVITY = 9.80665
+"""m/s², exactly: CGPM 1901."""
+SYNONYMS = {
+    "slip": ("s", "slip_ratio"),
+    "load": ("w", "wheel_load", "vertical_load"),
+    "normal_force": ("f_n", "fn", "f_z", "fz", "vertical_force"),
+    "sinkage": ("z", "wheel_sinkage"),
+    "drawbar_pull": ("dp", "f_dp", "fdp", "f_x", "fx", "drawbar"),
+    "resistance_moment": ("torque", "m_dr", "m_y", "my", "moment", "t_d", "driving_torque", "wheel_torque"),
+    "force": ("f", "f_z", "fz", "normal_force", "load"),
+    "pressure": ("p",),
+    "plate_diameter": ("d", "diameter"),
+    "displacement": ("j", "shear_displacement"),
+    "shear_stress": ("tau", "τ"),
+    "normal_stress": ("sigma", "σ"),
+    "time": ("t", "timestamp"),
+    "travel_speed": ("v", "v_x", "vx", "carriage_speed", "forward_speed"),
+    "rim_speed": ("circumferential_speed", "v_r"),
+    "wheel_speed": ("omega", "ω", "angular_velocity", "wheel_rate"),
+}
+"""Other names of columns, in small letters with underscores."""
+REMARKS = ("remark", "remarks", "comment", "comments", "note", "notes", "date", "operator", "#")
+"""First words of headers of columns that are left alone."""
 
 
 @cache
@@ -118,12 +143,28 @@ def _from_text(text: str, dimension: str, name: str) -> float:
 
 
 def column_header(header: str) -> tuple[str, str | None]:
-    """Split a column header: ``"sinkage [mm]"`` into ``("sinkage", "mm")``; None where there is no unit."""
-    match = _HEADER.fullmatch(str(header)) if len(str(header)) <= LONGEST else None
+    """Split a column header: ``"sinkage [mm]"`` or ``"sinkage (mm)"`` into ``("sinkage", "mm")``; None: no unit."""
+    short = str(header) if len(str(header)) <= LONGEST else ""
+    match = _ROUND_HEADER.fullmatch(short) or _HEADER.fullmatch(short) if short else None
     if match is None:
         return str(header).strip(), None
     name, unit = match.groups()
     return name, None if unit is None else unit.strip()
+
+
+def column_name(name: str, known: Collection[str]) -> str:
+    """The known name of a column that is called so, itself or by a synonym; else the name as it is.
+
+    >>> column_name("F_DP_sd", ["slip", "drawbar_pull", "drawbar_pull_sd"])
+    'drawbar_pull_sd'
+    """
+    plain = re.sub(r"[\s\-.]+", "_", name.strip().casefold()).strip("_")
+    stem, suffix = (plain[:-3], "_sd") if plain.endswith("_sd") else (plain, "")
+    if name in known:
+        return name
+    if plain in known:
+        return plain
+    return next((each + suffix for each in SYNONYMS if each + suffix in known and stem in SYNONYMS[each]), name)
 
 
 def text(value: float, dimension: str) -> str | float:

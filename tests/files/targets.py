@@ -142,7 +142,7 @@ def table(data: bytes) -> None:
             frame = read_table(path)
             (inner / "again.csv").write_text(csv_text(frame), encoding="utf-8", newline="")
             if len(frame.columns) > 1:  # a lone empty cell is a blank line
-                cells = read_cells(inner / "again.csv")
+                cells, _ = read_cells(inner / "again.csv")
                 if cells != [list(frame.columns), *frame.to_numpy().tolist()]:
                     raise FailureError("a table changed on its way to the disk and back")
         with allowed(), ExitStack() as stack:

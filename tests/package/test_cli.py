@@ -92,7 +92,7 @@ def test_mistakes_are_one_line_and_leave_nothing(
         (("[priors]", "[prior]"), "unknown key 'prior' (did you mean 'priors'?)"),
         (("0.1,80", "1.0,80"), "'slip' must lie in [0, 1) (got 1, row 1)"),
         (("0.1,80", "0.1,nan"), "'load' must be finite or empty (got nan, row 1)"),
-        (("5.0,14.0", "157.35,14.0"), "'sinkage' must be below the wheel radius 0.15735 m (got 0.15735 m, row 1)"),
+        (("5.0,14.0", "157.35,14.0"), "'sinkage' must be below the wheel radius 157.35 mm (got 157.35 mm, row 1)"),
         (("load [N]", "slip"), "column 'slip' must appear once"),
         (("c3 = 0.0", 'K = "60 mm"'), "'K' must be fixed inside the range of 'paper-box', 2 mm to 50 mm (got 60 mm)"),
     ],

@@ -71,7 +71,7 @@ def test_ranges_are_checked_after_conversion() -> None:
     """A sinkage of the tip above r is allowed as long as the rim's is below r; a tip slip of 0 is braking."""
     table = {"slip": [0.2], "sinkage [mm]": [110]}
     assert_allclose(read(table, sinkage_reference="tip").values["sinkage"], [0.09])
-    with pytest.raises(StudyError, match=r"'sinkage' must be below the wheel radius 0\.1 m \(got 0\.11 m, row 1\)"):
+    with pytest.raises(StudyError, match=r"'sinkage' must be below the wheel radius 100 mm \(got 110 mm, row 1\)"):
         read(table)
     with pytest.raises(StudyError, match=r"'slip' must lie in \[0, 1\) \(got 0, on the shearing radius -0\.09"):
         read({"slip": [0.0]}, slip_reference="tip")
@@ -116,16 +116,20 @@ def test_observations_cannot_be_written_to() -> None:
         ({"slip": [0.1], "load": [80]}, r"column 'load' needs a unit, e\.g\. 'load \[N\]' \(got 'load'\)"),
         ({"slip": [0.1], "load []": [80]}, r"column 'load' needs a unit"),
         ({"slip": [0.1], "load [-]": [80]}, r"column 'load' needs a unit"),
-        ({"slip": [0.1], "load [kg]": [8]}, r"column 'load \[kg\]': the unit 'kg' is not a unit of force"),
+        ({"slip": [0.1], "load [mg]": [8]}, r"column 'load \[mg\]': the unit 'mg' is not a unit of force"),
+        ({"slip [%]": [120]}, r"'slip' must lie in \[0, 100\) % \(got 120 %, row 1\)"),
+        ({"slip": [0.1], "load [kN]": [-2]}, r"'load' must be above 0 \(got -2 kN, row 1\)"),
+        ({"slip": [0.1], "s": [0.1]}, r"column 'slip' must appear once \(columns 's' and 'slip' both hold it\)"),
+        ({"slip": ["2021-05-01"]}, r"\(got '2021-05-01', row 1\): a spreadsheet made a date of it"),
         ({"slip": [0.1], "load [Nn]": [8]}, r"column 'load \[Nn\]': unknown unit 'Nn'"),
         ({"slip": [0.1], "sinkge [mm]": [8]}, r"unknown column 'sinkge \[mm\]' \(did you mean 'sinkage'\?\)"),
-        ({"slip": [0.1], "colour": [8]}, r"unknown column 'colour' \(known: slip, wheel, use, load"),
+        ({"slip": [0.1], "colour": [8]}, r"unknown column 'colour' \(known: slip, wheel, .*begins with 'remark'"),
         ({"slip": [0.1], "slip_sd": [0.1]}, r"unknown column 'slip_sd'"),
         ({"slip": [0.1], "sinkage [mm]": [8], "sinkage [cm]": [1]}, r"column 'sinkage' must appear once"),
         ({"slip": [0.1], "sinkage_sd [mm]": [8]}, r"column 'sinkage_sd' needs a column 'sinkage' beside it"),
         (
             {"slip": [0.1], "sinkage [mm]": [8], "sinkage_sd [mm]": [0]},
-            r"'sinkage_sd' must be above 0 \(got 0, row 1\)",
+            r"'sinkage_sd' must be above 0 \(got 0 mm, row 1\)",
         ),
         ({"slip": [0.1], "use": [2]}, r"'use' must be 0 or 1 \(got 2, row 1\)"),
         ({"slip": [0.1], "use": [""]}, r"'use' must be 0 or 1 \(got '', row 1\)"),
@@ -151,9 +155,12 @@ def test_several_wheels_need_a_wheel_column() -> None:
     [
         (b"", r"\(the table is empty\)"),
         (b"slip,load [N]\n", r"\(the table is empty\)"),
-        (b"slip;load [N]\n0.1;80\n", r"columns must be separated by commas \(got 'slip;load \[N\]'\)"),
+        (b"slip;load [N]\n0.1;80\n0.2;80;3\n", r"every row must have 2 cells \(got 3, row 2\)"),
         (b"slip,load [N]\n0.1,80\n0.2\n", r"every row must have 2 cells \(got 1, row 2\)"),
-        (b"slip\n0.1\xb0\n", r"must be UTF-8 text \(byte 8 is not\)"),
+        (b"slip \xc2\xb5\n0.1\xb0\n", r"must be UTF-8 text \(byte 11 is not\)"),
+        (b"\xff\xfes\x00l\x00\n\x00\x00\xd8", r"must be text \(byte 8 is no UTF-16\)"),
+        (b"\xd0\xcf\x11\xe0" + bytes(99), "is a workbook of an old form: save it as .xlsx or as CSV"),
+        (b"PK\x03\x04" + bytes(99), "is no Excel workbook that can be read"),
         (b'slip\n"0.1\n', r"must be a table of comma-separated values"),
     ],
 )

@@ -73,7 +73,8 @@ def test_bare_numbers_are_si_only_where_allowed() -> None:
         (" drawbar_pull  [ N ] ", ("drawbar_pull", "N")),
         ("slip", ("slip", None)),
         ("sinkage []", ("sinkage", "")),
-        ("sinkage (mm)", ("sinkage (mm)", None)),
+        ("sinkage (mm)", ("sinkage", "mm")),
+        ("drawbar (pull) [N]", ("drawbar (pull)", "N")),
         ("sinkage [mm", ("sinkage [mm", None)),
     ],
 )
