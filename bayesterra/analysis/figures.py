@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-import corner as corner_library
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+from scipy.ndimage import gaussian_filter
 from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray, IntArray
@@ -25,19 +29,24 @@ from bayesterra.report.figures import (
     name_cells,
     one_of,
     own_axes,
+    panels,
     styled,
 )
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 
 CORNER_DRAWS = 60_000
+CORNER_BINS = 36
 PRIOR_MASS = 0.99
-PALE = ("#FFFFFF00", "#8A8A8A2E")
+PRIOR_BINS = 30
+PALE = "#8A8A8A2E"
+GAP = 0.05
+"""Between panels of the corner plot, in panels."""
 
 
 @styled
 def corner(result: Result) -> FloatArray:
-    """Draw all pairs of parameters in field units; returns the axes (d, d).
+    """Draw all pairs of parameters in field units; returns the axes (d, d), none above the diagonal.
 
     Blue contours hold 50 and 90 % of the posterior, the grey area 99 % of the prior after the physical cut.
     Dashed line and plus: posterior mode. Marks: least squares and, hollow, published or true values.
@@ -46,35 +55,91 @@ def corner(result: Result) -> FloatArray:
     scale = np.array([PARAMETERS[name].scale for name in names])
     posterior, prior = spread_draws(result, CORNER_DRAWS) / scale, result.values("prior") / scale
     figure, limits = Figure(figsize=(size, size)), _limits(result, posterior)
-    labels = [label(PARAMETERS[name]) for name in names]
-    ranges = [(along.low, along.high) for along in (axis(result, name) for name in names)]
-    _prior_layer(figure, prior, ranges)
-    _posterior_layer(figure, posterior, limits, labels)
-    axes = np.asarray(figure.axes).reshape(len(names), len(names))
+    FigureCanvasAgg(figure)
+    axes = _panels(figure, limits, [label(PARAMETERS[name]) for name in names])
+    _prior_layer(axes, prior, [(along.low, along.high) for along in (axis(result, name) for name in names)])
+    _posterior_layer(axes, posterior, limits)
     _points(axes, result, scale)
-    _tidy(axes, limits)
     _corner_legend(figure, result)
     return axes
 
 
-_COMMON = {"plot_datapoints": False, "plot_density": False, "max_n_ticks": 3, "labelpad": 0.05}
+def _panels(figure: Figure, limits: list[tuple[float, float]], labels: list[str]) -> FloatArray:
+    """Empty axes on and below the diagonal, with labels at the left and at the bottom."""
+    count = len(limits)
+    axes = np.full((count, count), None)
+    side = 0.91 / (count + GAP * (count - 1))
+    for i, j in zip(*np.tril_indices(count), strict=True):
+        at = (0.08 + (1 + GAP) * j * side, 0.99 - (1 + GAP) * i * side - side)
+        ax = axes[i, j] = figure.add_axes((*at, side, side), xlim=limits[j])
+        ax.xaxis.set_major_locator(MaxNLocator(3, prune="lower"))
+        ax.tick_params(labelrotation=45, labelbottom=i == count - 1, labelleft=j == 0)
+        if i == count - 1:
+            ax.set_xlabel(labels[j])
+            ax.xaxis.set_label_coords(0.5, -0.35)
+        if i == j:
+            ax.set_yticks([])
+            continue
+        ax.set_ylim(limits[i])
+        ax.yaxis.set_major_locator(MaxNLocator(3, prune="lower"))
+        if j == 0:
+            ax.set_ylabel(labels[i])
+            ax.yaxis.set_label_coords(-0.35, 0.5)
+    return axes
 
 
-def _prior_layer(figure: Figure, draws: FloatArray, ranges: list[tuple[float, float]]) -> None:
+def _prior_layer(axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, float]]) -> None:
     """Prior on its whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
-    corner_library.corner(
-        draws, fig=figure, range=ranges, bins=30, smooth=3.0, smooth1d=2.0, levels=(PRIOR_MASS,),
-        fill_contours=True, color=PRIOR, **_COMMON,
-        contour_kwargs={"alpha": 0.4, "linewidths": 0.7}, contourf_kwargs={"colors": PALE},
-        hist_kwargs={"color": PRIOR, "alpha": 0.6},
-    )  # fmt: skip
+    bins = binned(draws, ranges, PRIOR_BINS)
+    for i, j in zip(*np.tril_indices(len(axes), -1), strict=True):
+        x, y, heights, levels = contoured(bins[:, [j, i]], (ranges[j], ranges[i]), PRIOR_BINS, 3.0, (PRIOR_MASS,))
+        axes[i, j].contourf(x, y, heights, [levels[0], np.inf], colors=PALE)
+        axes[i, j].contour(x, y, heights, levels, colors=PRIOR, alpha=0.4, linewidths=0.7)
+    for ax, column, ends in zip(np.diagonal(axes), bins.T, ranges, strict=True):
+        ax.stairs(*_marginal(column, ends, PRIOR_BINS, 2.0), color=PRIOR, alpha=0.6, baseline=None)
 
 
-def _posterior_layer(figure: Figure, draws: FloatArray, limits: list[tuple[float, float]], labels: list[str]) -> None:
-    corner_library.corner(
-        draws, fig=figure, range=limits, bins=36, smooth=1.2, smooth1d=1.0, levels=PROBABILITIES,
-        no_fill_contours=True, color=POSTERIOR, labels=labels, **_COMMON,
-    )  # fmt: skip
+def _posterior_layer(axes: FloatArray, draws: FloatArray, limits: list[tuple[float, float]]) -> None:
+    bins = binned(draws, limits, CORNER_BINS)
+    for i, j in zip(*np.tril_indices(len(axes), -1), strict=True):
+        pair = (limits[j], limits[i])
+        axes[i, j].contour(*contoured(bins[:, [j, i]], pair, CORNER_BINS, 1.2, PROBABILITIES), colors=POSTERIOR)
+    for ax, column, ends in zip(np.diagonal(axes), bins.T, limits, strict=True):
+        heights, edges = _marginal(column, ends, CORNER_BINS, 1.0)
+        ax.stairs(heights, edges, color=POSTERIOR, baseline=None)
+        ax.set_ylim(0, 1.12 * max(float(drawn.get_data().values.max()) for drawn in ax.patches))
+
+
+def binned(draws: FloatArray, ranges: list[tuple[float, float]], count: int) -> IntArray:
+    """Bin of every value of draws (n, d) in the range of its column; −1 outside."""
+    low, high = np.array(ranges).T
+    place = (draws - low) / (high - low) * count
+    inside = (place >= 0) & (place <= count)
+    return np.where(inside, np.minimum(place, count - 1), -1).astype(np.int64)
+
+
+def _marginal(bins: IntArray, ends: tuple[float, float], count: int, smooth: float) -> tuple[FloatArray, FloatArray]:
+    """Histogram of one column, smoothed, its area one, and the edges of its bins."""
+    heights = gaussian_filter(np.bincount(bins[bins >= 0], minlength=count).astype(np.float64), smooth)
+    return heights / heights.sum() * count / (ends[1] - ends[0]), np.linspace(*ends, count + 1)
+
+
+def contoured(
+    bins: IntArray, ranges: Sequence[tuple[float, float]], count: int, smooth: float, masses: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Smoothed histogram of two columns (n, 2) as x, y and heights, and the levels that hold masses, ascending.
+
+    One bin beyond its edges it is as at the edge, so that areas fill their panel; there contours close.
+    """
+    x, y = bins[(bins >= 0).all(axis=1)].T
+    counts = np.bincount(y * count + x, minlength=count**2).reshape(count, count)
+    heights = gaussian_filter(counts.astype(np.float64), smooth)
+    ordered = np.sort(heights, axis=None)[::-1]
+    last = np.searchsorted(np.cumsum(ordered) / ordered.sum(), masses, side="right") - 1
+    levels = np.unique(ordered[np.maximum(last, 0)])
+    padded = np.pad(np.pad(heights, 1, mode="edge"), 1, constant_values=float(heights.min()))
+    middles = [low + (np.arange(-2, count + 2) + 0.5) * (high - low) / count for low, high in ranges]
+    return middles[0], middles[1], padded, levels
 
 
 def _limits(result: Result, draws: FloatArray) -> list[tuple[float, float]]:
@@ -108,24 +173,10 @@ def _points(axes: FloatArray, result: Result, scale: FloatArray) -> None:
             )  # fmt: skip
 
 
-def _tidy(axes: FloatArray, limits: list[tuple[float, float]]) -> None:
-    """Give every panel its range, and the marginals, prior first, an area of one."""
-    for i, j in zip(*np.tril_indices(len(axes)), strict=True):
-        axes[i, j].set_xlim(limits[j])
-        if i != j:
-            axes[i, j].set_ylim(limits[i])
-    for ax in np.diagonal(axes):
-        curves = ax.get_lines()[:2]
-        for curve in curves:
-            curve.set_ydata(curve.get_ydata() / np.trapezoid(curve.get_ydata(), curve.get_xdata()))
-        ax.set_ylim(0, 1.12 * max(curve.get_ydata().max() for curve in curves))
-    axes[0, 0].figure.subplots_adjust(left=0.08, bottom=0.08, right=0.99, top=0.99)
-
-
 def _corner_legend(figure: Figure, result: Result) -> None:
     entries: list[Line2D | Patch] = [
         Line2D([], [], color=POSTERIOR, label="posterior: 50 and 90 %"),
-        Patch(facecolor=PALE[1], edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
+        Patch(facecolor=PALE, edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
         Line2D([], [], color=POSTERIOR, marker="P", linestyle="none", label="mode"),
     ]
     entries += map(mark_key, estimates(result))
@@ -161,6 +212,8 @@ def _group_boxes(ax: Axes, names: tuple[str, ...]) -> None:
 
 SHADES = ("#08306B", "#2171B5", "#6BAED6", "#41B6A6", "#7A7A7A", "#B8B8B8")
 RANK_BINS = 20
+COLUMNS = 5
+"""Panels in a row where all parameters are drawn."""
 
 
 @styled
@@ -171,7 +224,7 @@ def trace(result: Result, name: str = "lp", ax: Axes | None = None) -> Axes:
     show ensembles that agree.
     """
     ax = own_axes(ax)
-    steps, bands = _bands(result, one_of("name", name, ("lp", *result.names)))
+    steps, bands = _walker_bands(result, one_of("name", name, ("lp", *result.names)))
     for i, band in enumerate(bands):
         shade = SHADES[i % len(SHADES)]
         ax.plot(steps, band[1], color=shade, linewidth=0.9)
@@ -181,7 +234,7 @@ def trace(result: Result, name: str = "lp", ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _bands(result: Result, name: str) -> tuple[IntArray, FloatArray]:
+def _walker_bands(result: Result, name: str) -> tuple[IntArray, FloatArray]:
     """Steps, and 5, 50 and 95 % over the walkers of every ensemble at each, (ensembles, 3, steps)."""
     sampled = result.draws["sample_stats"]
     steps = np.unique(sampled["step"].to_numpy())
@@ -191,6 +244,17 @@ def _bands(result: Result, name: str) -> tuple[IntArray, FloatArray]:
         values = field_values(name, result.draws["posterior"][name].to_numpy())
     walkers = values.reshape(len(values), -1, len(steps))
     return steps, np.quantile(walkers, [0.05, 0.5, 0.95], axis=1).swapaxes(0, 1)
+
+
+@styled
+def traces(result: Result) -> FloatArray:
+    """Draw the log density and all parameters as :func:`trace` does, side by side; returns their axes."""
+    axes = panels(1 + len(result.names), COLUMNS)
+    for ax, name in zip(axes, ("lp", *result.names), strict=True):
+        trace(result, name, ax)
+    for ax in axes[:-COLUMNS]:
+        ax.set_xlabel("")
+    return axes
 
 
 @styled
@@ -214,3 +278,21 @@ def ranks(result: Result, name: str, ax: Axes | None = None) -> Axes:
     ax.set(xlabel=f"rank of {label(PARAMETERS[name], unit=False)} among all draws", ylabel="relative frequency")
     ax.set(xlim=(0, 1), ylim=(max(0.0, 1 - reach), 1 + reach))
     return ax
+
+
+@styled
+def all_ranks(result: Result) -> FloatArray:
+    """Draw all parameters as :func:`ranks` does, side by side on one scale; returns their axes."""
+    axes = panels(len(result.names), COLUMNS)
+    for ax, name in zip(axes, result.names, strict=True):
+        ranks(result, name, ax)
+        ax.set(xlabel="", ylabel="", xticks=(0, 0.5, 1))
+        ax.set_title(label(PARAMETERS[name], unit=False), y=0.86)
+    reach = max(ax.get_ylim()[1] for ax in axes)
+    for i, ax in enumerate(axes):
+        ax.set_ylim(max(0.0, 2 - reach), reach)
+        if i % COLUMNS == 0:
+            ax.set_ylabel("relative frequency")
+    for ax in axes[-COLUMNS:]:
+        ax.set_xlabel("rank among all draws")
+    return axes

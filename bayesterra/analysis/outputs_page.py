@@ -17,7 +17,7 @@ from bayesterra.checking.validation import complete_soils
 from bayesterra.checking.validation_page import posterior_checks, prior_predictive
 from bayesterra.likelihood.forward import reference_load
 from bayesterra.models.traction import SLIP_GRID
-from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.parameters import CHANNELS, DERIVED, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, photograph
 from bayesterra.report.failures import failed
 from bayesterra.report.numbers import (
@@ -59,18 +59,11 @@ CORRELATIONS = Markup(
 
 def sampling_section(result: Result) -> Blocks:
     """Sampling quality."""
-    names = result.names
-    ranks = tuple(
-        drawing(analysis_figures.ranks(result, name), f"Rank histograms of {PARAMETERS[name].description}")
-        for name in names
-    )
-    spoken = {"lp": "the log density", **{name: PARAMETERS[name].description for name in names}}
-    traces = tuple(
-        photograph(analysis_figures.trace(result, name), f"Trace of {words}") for name, words in spoken.items()
-    )
+    ranks = drawing(analysis_figures.all_ranks(result), "Rank histograms of every parameter")
+    traces = photograph(analysis_figures.traces(result), "Traces of the log density and of every parameter")
     return (
         _checks(result), Text(_evidence(result.record)), *crosscheck(result.record), _chains(result),
-        Gallery("tiny", ranks, RANKS), Gallery("tiny", traces, TRACES),
+        Gallery("whole", (ranks,), RANKS), Gallery("whole", (traces,), TRACES),
     )  # fmt: skip
 
 

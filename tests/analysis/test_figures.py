@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from bayesterra.analysis import figures as analysis_figures
 from bayesterra.checking import validation_page
 from bayesterra.identifiability import evidence_page
-from bayesterra.report.figures import Axis, density, png, svg
+from bayesterra.report.figures import Axis, density, figure_of, png, svg
 from bayesterra.study.result import Result
 
 SINGLE: dict[str, Callable[[Result, Axes | None], Axes]] = {
@@ -51,6 +51,38 @@ def test_corner_has_a_panel_for_every_pair(small_result: Result) -> None:
     count = len(small_result.names)
     assert axes.shape == (count, count)
     assert axes[-1, 0].get_xlim() == axes[0, 0].get_xlim()
+    assert [ax is None for ax in axes.ravel()] == (~np.tri(count, dtype=bool)).ravel().tolist()
+
+
+def test_contours_hold_the_masses_they_say() -> None:
+    """Of normal draws half lie inside the circle of radius 1.18, nine tenths inside that of 2.15."""
+    ranges = [(-5.0, 5.0), (-5.0, 5.0)]
+    bins = analysis_figures.binned(np.random.default_rng(1).normal(size=(200_000, 2)), ranges, 60)
+    x, y, heights, levels = analysis_figures.contoured(bins, ranges, 60, 0.5, (0.5, 0.9))
+    radius = np.hypot(x, y[:, None])
+    for level, true in zip(levels[::-1], np.sqrt(-2 * np.log([0.5, 0.1])), strict=True):
+        assert radius[heights > level].max() == pytest.approx(true, abs=0.25)
+        assert radius[heights < level].min() == pytest.approx(true, abs=0.25)
+
+
+def test_ranks_and_traces_of_all_parameters_are_one_figure_each(small_result: Result) -> None:
+    """Every parameter has its panel, the ranks on one scale; traces begin with the log density."""
+    ranked, traced = analysis_figures.all_ranks(small_result), analysis_figures.traces(small_result)
+    assert (len(ranked), len(traced)) == (len(small_result.names), len(small_result.names) + 1)
+    assert len({ax.get_ylim() for ax in ranked}) == 1
+    assert traced[0].get_ylabel() == "log density"
+    assert all(ax.has_data() for ax in (*ranked, *traced))
+
+
+def test_labels_of_saved_axes_lie_inside_their_figure(small_result: Result) -> None:
+    """What :func:`own_axes` made is placed when it is saved, its wide labels included."""
+    ax = analysis_figures.trace(small_result, "Ks")
+    png(ax, 400)
+    outer, whole = ax.get_tightbbox(), figure_of(ax).bbox
+    assert outer is not None
+    margins = (*np.subtract(outer.min, whole.min), *np.subtract(whole.max, outer.max))
+    assert min(margins) >= 0
+    assert max(margins) < 12
 
 
 def test_the_same_figure_gives_the_same_bytes(small_result: Result) -> None:
