@@ -7,13 +7,16 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 
 from bayesterra.analysis.findings_page import bounded
 from bayesterra.checking.validation import complete, estimates, held, spread_draws
+from bayesterra.least_squares.fit import fit_from_starts
+from bayesterra.least_squares.results import SOLVERS
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
-from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text
+from bayesterra.report.blocks import Block, Blocks, Cell, Table, Text, records
 from bayesterra.report.figures import MARKS
 from bayesterra.report.numbers import (
     NOTHING,
@@ -40,7 +43,28 @@ def methods_section(result: Result) -> Blocks:
     notes: list[Block] = [Text(Markup("{}: {}.").format(name, angles("; ".join(fit["notes"]))))
                           for name, fit in result.record["fits"].items() if fit["notes"]]  # fmt: skip
     refused: list[Block] = [Text(Markup("Not fitted: {}").format(line)) for line in result.record["refused_fits"]]
-    return (_values(result), _standing(result), *notes, *refused)
+    return (_values(result), _standing(result), *_starts(result), *notes, *refused)
+
+
+def _starts(result: Result) -> tuple[Table, ...]:
+    """What the paper's solver owes to its start, where it was asked for beside the usual one."""
+    table = fit_from_starts(result.study) if set(SOLVERS) <= set(result.study.least_squares.solvers) else pd.DataFrame()
+    if table.empty:
+        return ()
+    rows = []
+    for row in records(table):
+        name = row["parameter"]
+        low, high = summary_rows(result)[name].hdi if name in result.names else (np.nan, np.nan)
+        own = " (this study's start)" if row["own"] else ""
+        ends = (plain(row[solver], 4) for solver in SOLVERS)
+        rows.append((symbol(name), unit(name) or NOTHING, plain(row["start"]) + own, *ends, interval(low, high)))
+    caption = Markup(
+        "What {} owes to its start: each line is a fit from another one, the rest as in the study. lsqcurvefit stands "
+        "for the paper's solver, emulated with its settings; it stops after small changes, so where the readings say "
+        "little it returns its start."
+    )
+    header = ("", "unit", "start", "converged", "lsqcurvefit", "posterior, 90 % HDI")
+    return (Table(caption.format(table["method"].iloc[0]), "llrrrr", header, tuple(rows)),)
 
 
 def _values(result: Result) -> Table:

@@ -259,9 +259,12 @@ class Analysis:
         table = report_table(self.fits, self.study)
         if CONDITIONAL in standings:
             rows = point_rows(CONDITIONAL, standings[CONDITIONAL].values, self.study)
-            table = pd.concat([table, pd.DataFrame(rows, columns=table.columns)], ignore_index=True)
+            table = pd.concat([table, pd.DataFrame(rows, columns=results.COLUMNS)], ignore_index=True)
         levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}
-        return table.assign(credible_level=table["method"].map(levels))
+        names = table["method"]
+        if "solver" in table:
+            names = names.where(table["solver"] != "lsqcurvefit", names + " lsqcurvefit")
+        return table.assign(credible_level=names.map(levels))
 
 
 DRAWS = 4000

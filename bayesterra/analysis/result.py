@@ -47,7 +47,7 @@ from bayesterra.study.result import (
 )
 from bayesterra.study.study import Study, load_study
 
-Method = Literal["IM1", "IM2", "IM3", "joint"]
+Method = Literal["IM1", "IM2", "IM3", "joint", "IM1 lsqcurvefit", "IM2 lsqcurvefit", "IM3 lsqcurvefit"]
 Names = list[ParameterName]
 Values = dict[ParameterName, Some]
 Sampling = TypedDict("Sampling", {

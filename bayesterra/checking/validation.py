@@ -27,7 +27,7 @@ from bayesterra.checking.predictive_checks import (
     prior_checks,
 )
 from bayesterra.errors import enumerated
-from bayesterra.least_squares.results import CONDITIONAL, METHODS
+from bayesterra.least_squares.results import CONDITIONAL, ESTIMATES, METHODS
 from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, SIZES, soil_array
@@ -69,7 +69,7 @@ def estimates(result: Result) -> dict[str, dict[str, float]]:
     """
     fits, standings = result.record["fits"], result.record["standings"]
     points = {}
-    for method in (name for name in (CONDITIONAL, *METHODS) if name in standings):
+    for method in (name for name in ESTIMATES if name in standings):
         values, missing = standings[method]["values"].items(), fits.get(method, {}).get("missing", ())
         points[method] = {n: float(value) for n, value in values if n not in missing}
     return points | {name: dict(stated.values) for name, stated in result.study.references.items()}
@@ -91,7 +91,7 @@ def held(result: Result, method: str) -> tuple[str, ...]:
 
 
 def complete_soils(result: Result) -> dict[str, FloatArray]:
-    """Soil arrays (1, p) of the least-squares methods that leave no parameter open."""
+    """Soil arrays (1, p) of the converged least-squares methods that leave no parameter open."""
     study = result.study
     estimated = {n: {**study.prior.fixed, **v} for n, v in estimates(result).items() if n in METHODS}
     soils = {

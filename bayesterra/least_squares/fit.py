@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from time import perf_counter
 
 import numpy as np
+import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError, check_kind
 from bayesterra.least_squares.groupwise import Passes, Plan, decoupled_steps, integral_steps, iterate, one_pass, plan
 from bayesterra.least_squares.joint import JointFit, fit_joint
-from bayesterra.least_squares.results import FORCES, METHODS, Fit
+from bayesterra.least_squares.results import FORCES, METHODS, SOLVERS, Fit
 from bayesterra.least_squares.settings import (
     Overrides,
     Readings,
@@ -27,7 +28,7 @@ from bayesterra.least_squares.solver import Clip, clip
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1
 from bayesterra.models.decoupled import MARGIN
-from bayesterra.parameters import CHANNELS, OFFSET, OUTCOMES, SOIL_PARAMETERS
+from bayesterra.parameters import CHANNELS, OFFSET, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.study.study import Study
 
 
@@ -40,6 +41,7 @@ def fit(
     lower: Mapping[str, float] | None = None,
     upper: Mapping[str, float] | None = None,
     delta: float | None = None,
+    solvers: Sequence[str] | None = None,
 ) -> dict[str, Fit]:
     """Identify the soil by least squares.
 
@@ -53,6 +55,9 @@ def fit(
     start, lower, upper : start values and bounds of IM1, IM2 and IM3 in place of Table 17's. joint is bounded
         by the priors' ranges, and takes ``start`` as one of its starts.
     delta : IM1 stops when c1 and c2 change by less.
+    solvers : of IM1, IM2 and IM3: ``converged``, ``lsqcurvefit`` (an emulation of the paper's, to be compared
+        with) or both; joint always converges. Where both are asked for, a fit by the latter is named after
+        both, as in ``IM1 lsqcurvefit``.
 
     ``hold`` to ``delta`` are SI and radians, and replace the table of that name in the study where given.
 
@@ -65,19 +70,26 @@ def fit(
     study = study.with_rows(study.observations.numbers())  # a limit has no residual
     overrides = Overrides(hold, start, lower, upper, delta)
     methods = _known_methods(study) if methods is None else methods
+    solvers = study.least_squares.solvers if solvers is None else solvers
     if not methods:
         raise StudyError(f"nothing can be fitted: with the model {study.model.name} only joint fits")
     unknown = [method for method in methods if method not in METHODS]
     if unknown:
         raise StudyError(f"'methods' must be among {', '.join(METHODS)} (got {unknown[0]!r})")
+    if not solvers or not set(solvers) <= set(SOLVERS):
+        raise StudyError(f"'solvers' must be among {', '.join(SOLVERS)} (got {', '.join(solvers) or 'none'})")
     fits: dict[str, Fit] = {}
     for method in sorted(methods, key=METHODS.index):
-        run = _fit_joint if method == "joint" else _fit_groups
-        fits[method] = run(method, study, overrides, fits)
+        if method == "joint":
+            fits[method] = _fit_joint(method, study, overrides, fits)
+            continue
+        for solver in solvers:
+            found = _fit_groups(method, study, replace(overrides, solver=solver))
+            fits[found.name if len(solvers) > 1 else method] = found
     if fits and all(not result.path for result in fits.values()):
         reasons = dict.fromkeys(note for result in fits.values() for note in result.notes)
         raise StudyError(f"nothing can be fitted by {', '.join(fits)}: {'; '.join(reasons)}")
-    return {method: fits[method] for method in methods}
+    return {name: fits[name] for method in methods for name in fits if fits[name].method == method}
 
 
 def _known_methods(study: Study) -> tuple[str, ...]:
@@ -96,13 +108,37 @@ def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
     refused = []
     for method in _known_methods(study):
         try:
-            fits |= fit(study, (method,))
+            fits |= {found.name: found for found in fit(study, (method,)).values()}
         except (StudyError, SupportError) as error:
             refused.append(str(error))
     return fits, tuple(refused)
 
 
-def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str, Fit]) -> Fit:
+STARTS: Mapping[str, tuple[float, ...]] = {"c": (50.0, 200.0, 1e3, 3e3), "Ks": (5e5, 2.5e6, 8e6)}
+"""Start values, SI, from which a fit is repeated to see what it owes to them."""
+
+
+def fit_from_starts(study: Study) -> pd.DataFrame:
+    """Where the study's first method of IM1, IM2 and IM3 ends from several starts of c and K_s, by each solver.
+
+    Columns: method, parameter, start, own (the study's start), and the end by solver; field units. Empty where
+    no such method is asked for or can run.
+    """
+    methods = [method for method in _known_methods(study) if method != "joint"][:1]
+    settings = iteration_settings(study, Overrides())
+    rows = []
+    for name in (name for name in STARTS if methods and name not in settings.held):
+        column, scale = SOIL_PARAMETERS.index(name), PARAMETERS[name].scale
+        own = float(settings.start[column])
+        inside = (value for value in STARTS[name] if settings.lower[column] < value < settings.upper[column])
+        for value in sorted({own, *inside}):
+            found = fit(study, methods, start={**study.least_squares.start, name: value}, solvers=SOLVERS)
+            ends = {each.solver: each.values()[name] / scale for each in found.values()}
+            rows.append({"method": methods[0], "parameter": name, "start": value / scale, "own": value == own, **ends})
+    return pd.DataFrame(rows, columns=["method", "parameter", "start", "own", *SOLVERS])
+
+
+def _fit_groups(method: str, study: Study, overrides: Overrides) -> Fit:
     """IM1, IM2 or IM3."""
     if _has_load_effect(study):
         raise StudyError(f"{method} knows no load effect: with the model {study.model.name} only joint fits")
@@ -123,7 +159,7 @@ def _fit_groups(method: str, study: Study, overrides: Overrides, _: Mapping[str,
         at_bound=settings.at_bound(theta, todo.columns(settings)), missing=todo.missing,
         clipped=_clipped(method, theta, rows.conditions.slip),
         notes=(*_notes(method, todo, passes, rows, theta), *_offset_note(study)),
-        seconds=perf_counter() - began, noise={},
+        seconds=perf_counter() - began, noise={}, solver=settings.solver, evaluations=passes.evaluations,
     )  # fmt: skip
 
 
@@ -133,8 +169,7 @@ def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
         return Passes((settings.start,) if held else (), converged=held, rested=True)
     if method == "IM1":
         return iterate(todo, settings)
-    theta, converged = one_pass(todo, settings.start, settings, first=False)
-    return Passes((theta,), converged, rested=True)
+    return one_pass(todo, settings.start, settings, first=False)
 
 
 def _fit_joint(method: str, study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> Fit:
@@ -187,7 +222,7 @@ def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) 
     starts = []
     for method in ("IM1", "IM2", "IM3"):
         try:
-            result = fits.get(method) or _fit_groups(method, study, overrides, fits)
+            result = fits.get(method) or _fit_groups(method, study, overrides)
         except StudyError:
             continue  # the method needs more readings than joint
         starts.append(result.soil.as_array())

@@ -15,6 +15,7 @@ from bayesterra.errors import StudyError, counted
 from bayesterra.least_squares.results import FORCES, error_figure
 from bayesterra.least_squares.settings import GROUPS, Readings, Settings
 from bayesterra.least_squares.solver import Box, ClippedModel, Curve, Formula, Minimum, minimise
+from bayesterra.least_squares.trust_region import emulate
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1, WheelSoilModel
 from bayesterra.models.decoupled import (
@@ -37,7 +38,7 @@ need them all, for its sum of squares has a kink there."""
 
 @dataclass(frozen=True)
 class Step:
-    """Fit of one parameter group to one channel: its values are misfits relative to the largest reading.
+    """Fit of one parameter group to one channel: its values are misfits, relative to the largest reading or in SI.
 
     Parameters
     ----------
@@ -47,6 +48,7 @@ class Step:
     measured : its readings (m,), NaN where not measured.
     complete : (m,) rows in which everything that the curve needs was measured too.
     needs : the channels behind ``complete``.
+    relative : False: misfits in SI, as ``lsqcurvefit`` has them.
     """
 
     group: str
@@ -55,6 +57,7 @@ class Step:
     measured: FloatArray
     complete: BoolArray
     needs: tuple[str, ...]
+    relative: bool = True
 
     def columns(self, settings: Settings) -> list[int]:
         """Columns of the free parameters."""
@@ -64,8 +67,10 @@ class Step:
         """Fit the group from its start values, the other parameters as in ``theta`` (p,)."""
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
-        box = Box(settings.lower, settings.upper, columns)
-        return minimise(self, start, box, evaluations=EVALUATIONS * len(columns))
+        box, limit = Box(settings.lower, settings.upper, columns), EVALUATIONS * len(columns)
+        if settings.solver == "lsqcurvefit":
+            return emulate(replace(self, relative=False), start, box, evaluations=limit)
+        return minimise(self, start, box, evaluations=limit)
 
     def error(self, theta: FloatArray) -> float:
         """Error figure (16) in percent, NaN without readings."""
@@ -73,7 +78,7 @@ class Step:
 
     @property
     def _scale(self) -> float:
-        return float(np.max(np.abs(self.measured[self.complete]))) or 1.0
+        return (float(np.max(np.abs(self.measured[self.complete]))) or 1.0) if self.relative else 1.0
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Residuals (k,) of the known rows."""
@@ -199,11 +204,12 @@ def _step(readings: Readings, group: str, channel: str, curve: Curve, needs: tup
 
 @dataclass(frozen=True)
 class Passes:
-    """Parameters (p,) after each pass; whether they came to rest, and with every inner fit at a minimum."""
+    """Parameters (p,) after each pass; whether they rested, each inner fit at a minimum then; evaluations."""
 
     path: tuple[FloatArray, ...]
     converged: bool
     rested: bool
+    evaluations: int = 0
 
 
 def iterate(plan: Plan, settings: Settings) -> Passes:
@@ -212,23 +218,26 @@ def iterate(plan: Plan, settings: Settings) -> Passes:
     Where c1 and c2 are not both fitted, the other parameters are judged, by their change in widths of their
     bounds. At least two passes are made, because the first one leaves the shear stress out of F_N.
     """
-    path = [one_pass(plan, settings.start, settings, first=True)]
+    passes = [one_pass(plan, settings.start, settings, first=True)]
     changes: list[float] = []
-    while len(path) < MAX_PASSES and len(changes) - (int(np.argmin(changes)) if changes else 0) <= STALL:
-        path.append(one_pass(plan, path[-1][0], settings, first=False))
-        changes.append(_change(path[-1][0] - path[-2][0], plan, settings))
+    while len(passes) < MAX_PASSES and len(changes) - (int(np.argmin(changes)) if changes else 0) <= STALL:
+        passes.append(one_pass(plan, passes[-1].path[-1], settings, first=False))
+        changes.append(_change(passes[-1].path[-1] - passes[-2].path[-1], plan, settings))
         if changes[-1] < settings.delta:
-            return Passes(tuple(theta for theta, _ in path), path[-1][1], rested=True)
-    return Passes(tuple(theta for theta, _ in path), converged=False, rested=False)
+            break
+    rested = bool(changes) and changes[-1] < settings.delta
+    path = tuple(each.path[-1] for each in passes)
+    return Passes(path, rested and passes[-1].converged, rested, sum(each.evaluations for each in passes))
 
 
-def one_pass(plan: Plan, theta: FloatArray, settings: Settings, *, first: bool) -> tuple[FloatArray, bool]:
-    """Parameters after fitting every step once, and whether all of them ended at a minimum."""
-    converged = True
+def one_pass(plan: Plan, theta: FloatArray, settings: Settings, *, first: bool) -> Passes:
+    """Parameters after fitting every step once."""
+    converged, evaluations = True, 0
     for step in plan.steps:
         minimum = (_shearless(step) if first else step).run(theta, settings)
         theta, converged = minimum.theta, converged and minimum.converged
-    return theta, converged
+        evaluations += minimum.evaluations
+    return Passes((theta,), converged, rested=True, evaluations=evaluations)
 
 
 def _shearless(step: Step) -> Step:

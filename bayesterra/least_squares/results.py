@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -15,12 +15,18 @@ from bayesterra.models import Soil
 from bayesterra.parameters import CHANNELS, HELD, MODEL_PARAMETERS, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.study.study import Study
 
+if TYPE_CHECKING:
+    from bayesterra.report.blocks import Table
+
 FORCES = ("normal_force", "drawbar_pull", "resistance_moment")
 """The channels that IM1, IM2 and IM3 fit."""
 
 METHODS = ("IM1", "IM2", "IM3", "joint")
 CONDITIONAL = "conditional"
 """The posterior mode with those parameters held that these methods held."""
+SOLVERS = ("converged", "lsqcurvefit")
+ESTIMATES = (CONDITIONAL, *METHODS, *(f"{method} lsqcurvefit" for method in METHODS[:-1]))
+"""Names that fits go by beside other estimates."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +49,8 @@ class Fit:
     notes : in words, one line each.
     seconds : time taken.
     noise : typical standard deviation of each channel behind the weights of joint, SI; else empty.
+    solver : ``converged``, or ``lsqcurvefit``: an emulation of the paper's, whose result hangs on its start.
+    evaluations : of all inner fits together.
     """
 
     method: str
@@ -58,6 +66,13 @@ class Fit:
     notes: tuple[str, ...]
     seconds: float
     noise: Mapping[str, float]
+    solver: str = "converged"
+    evaluations: int = 0
+
+    @property
+    def name(self) -> str:
+        """The method, with its solver unless that is the usual one: one of ``ESTIMATES``."""
+        return self.method if self.solver == "converged" else f"{self.method} {self.solver}"
 
     def values(self) -> dict[str, float]:
         """Soil parameters by name, SI and radians."""
@@ -85,12 +100,17 @@ COLUMNS = ("method", "parameter", "unit", "value", "published", "credible_level"
 def report_table(fits: Mapping[str, Fit], study: Study | None = None) -> pd.DataFrame:
     """One row per method and parameter, then ``error_<channel>`` in percent; values in field units.
 
-    A parameter that a method could not identify has the value NaN. ``published`` comes from the study;
+    A column ``solver`` stands behind ``method`` where another one than the usual was at work. A parameter that
+    a method could not identify has the value NaN. ``published`` comes from the study;
     ``credible_level`` is NaN until a posterior fills it.
     """
     published = study.published.values if study and study.published else {}
-    rows = [row for fit in fits.values() for row in _rows(fit, published)]
-    return pd.DataFrame(rows, columns=list(COLUMNS))
+    rows = [(fit.solver, *row) for fit in fits.values() for row in _rows(fit, published)]
+    table = pd.DataFrame(rows, columns=["solver", *COLUMNS])
+    solvers = table.pop("solver")
+    if any(fit.solver != "converged" for fit in fits.values()):
+        table.insert(1, "solver", solvers)
+    return table
 
 
 def _rows(fit: Fit, published: Mapping[str, float]) -> Iterator[tuple[str, str, str, float, float, float]]:
@@ -116,22 +136,31 @@ def point_rows(
 
 def print_fits(fits: Mapping[str, Fit], study: Study) -> None:
     """Print the fits side by side, with published values where there are any, and what to know of each."""
-    from bayesterra.report.blocks import Table, Text
+    from bayesterra.report.blocks import Text
     from bayesterra.report.terminal import show
 
-    rows, reference = report_table(fits), study.published or study.truth
+    sentences = [f"Warning: {warning}" for warning in study.warnings]
+    sentences += [f"{name}: {_sentence(fit)}" for name, fit in fits.items()]
+    key = Text("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
+    solved = ({name: fit for name, fit in fits.items() if fit.solver == solver} for solver in SOLVERS)
+    show((*(_side_by_side(some, study) for some in solved if some), key), *sentences)
+
+
+def _side_by_side(fits: Mapping[str, Fit], study: Study) -> Table:
+    """Fits by one solver, with published or true values where there are any."""
+    from bayesterra.report.blocks import Table
+
+    reference = study.published or study.truth
     known = ("truth" if reference is study.truth else "published",) if reference else ()
     lines = []
-    for name, unit in rows.drop_duplicates("parameter")[["parameter", "unit"]].itertuples(index=False):
+    for name, unit in report_table(fits).drop_duplicates("parameter")[["parameter", "unit"]].itertuples(index=False):
         stated = (_known(reference.values, name),) if reference else ()
-        lines.append((_label(name), unit, *(_cell(fit, name, rows) for fit in fits.values()), *stated))
-    header = ("parameter", "unit", *fits, *known)
-    title = f"Least squares: {study.title}" if study.title else "Least squares"
-    table = Table(title, "ll" + "r" * (len(header) - 2), header, tuple(lines))
-    sentences = [f"Warning: {warning}" for warning in study.warnings]
-    sentences += [f"{fit.method}: {_sentence(fit)}" for fit in fits.values()]
-    key = Text("= held   | at a bound   – not identified   errors: largest misfit / largest reading, (16)")
-    show((table, key), *sentences)
+        lines.append((_label(name), unit, *(_cell(fit, name) for fit in fits.values()), *stated))
+    header = ("parameter", "unit", *(fit.method for fit in fits.values()), *known)
+    emulated = any(fit.solver != "converged" for fit in fits.values())
+    title = "Least squares as by lsqcurvefit, an emulation" if emulated else "Least squares"
+    title = f"{title}: {study.title}" if study.title else title
+    return Table(title, "ll" + "r" * (len(header) - 2), header, tuple(lines))
 
 
 def _label(name: str) -> str:
@@ -139,12 +168,12 @@ def _label(name: str) -> str:
     return PARAMETERS[name].symbol if name in PARAMETERS else f"error of {CHANNELS[channel].symbol}"
 
 
-def _cell(fit: Fit, name: str, rows: pd.DataFrame) -> str:
-    value = rows.loc[(rows["method"] == fit.method) & (rows["parameter"] == name), "value"]
-    if value.empty or np.isnan(value.iloc[0]):
+def _cell(fit: Fit, name: str) -> str:
+    value = {row[1]: row[3] for row in _rows(fit, {})}.get(name, np.nan)
+    if np.isnan(value):
         return "–"
     mark = "= " if name in fit.held else "| " if name in fit.at_bound else ""
-    return f"{mark}{value.iloc[0]:.4g}"
+    return f"{mark}{value:.4g}"
 
 
 def _known(values: Mapping[str, float], name: str) -> str:
@@ -155,6 +184,8 @@ def _sentence(fit: Fit) -> str:
     clauses = ["converged" if fit.converged else "did not converge"]
     if fit.passes > 1:
         clauses.append(f"{fit.passes} {'rounds of weights' if fit.method == 'joint' else 'passes'}")
+    if fit.solver != "converged":
+        clauses.append(f"{fit.evaluations} evaluations")
     return "; ".join([*clauses, f"{fit.seconds:.2f} s", *fit.notes])
 
 

@@ -43,6 +43,7 @@ class Settings:
     start, lower, upper : (k,).
     held : names of the parameters that stay at ``start``.
     delta : IM1 stops when c1 and c2 change by less from pass to pass.
+    solver : of the inner fits of IM1, IM2 and IM3: ``converged`` or ``lsqcurvefit``.
     """
 
     names: tuple[str, ...]
@@ -51,6 +52,7 @@ class Settings:
     upper: FloatArray
     held: tuple[str, ...]
     delta: float = 0.002
+    solver: str = "converged"
 
     def soil(self, theta: FloatArray) -> Soil:
         """The soil of parameters (k,)."""
@@ -71,13 +73,17 @@ class Settings:
 
 @dataclass(frozen=True)
 class Overrides:
-    """Wishes of the caller of ``fit`` in place of the study's ``[least_squares]``; None: as there."""
+    """Wishes of the caller of ``fit`` in place of the study's ``[least_squares]``; None: as there.
+
+    ``solver`` is the one of this fit.
+    """
 
     hold: Mapping[str, float] | None = None
     start: Mapping[str, float] | None = None
     lower: Mapping[str, float] | None = None
     upper: Mapping[str, float] | None = None
     delta: float | None = None
+    solver: str = "converged"
 
     def __post_init__(self) -> None:
         for table in (self.hold, self.start, self.lower, self.upper):
@@ -98,6 +104,7 @@ class Overrides:
             stated.lower if self.lower is None else self.lower,
             stated.upper if self.upper is None else self.upper,
             delta,
+            self.solver,
         )
 
 
@@ -141,7 +148,7 @@ def iteration_settings(study: Study, overrides: Overrides) -> Settings:
         if name not in hold:
             _check_range(name, low[name], start[name], high[name])
     first, lower, upper = (_ordered(table, SOIL_PARAMETERS) for table in (start, low, high))
-    return Settings(SOIL_PARAMETERS, first, lower, upper, _in_order(hold), asked.delta or 0.0)
+    return Settings(SOIL_PARAMETERS, first, lower, upper, _in_order(hold), asked.delta or 0.0, asked.solver)
 
 
 def joint_settings(study: Study, overrides: Overrides) -> Settings:

@@ -84,11 +84,12 @@ class Box:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Parameters (p,) at the end, half the sum of squares there, and whether a stopping rule was met."""
+    """Parameters (p,) at the end, half the sum of squares there, whether a stopping rule was met, and evaluations."""
 
     theta: FloatArray
     cost: float
     converged: bool
+    evaluations: int = 0
 
 
 def minimise(
@@ -121,7 +122,7 @@ def minimise(
         gtol=tolerance, max_nfev=evaluations,
     )  # fmt: skip
     theta = parameters(_on_bounds(result.x, lower, upper))
-    return Minimum(theta, float(result.cost), bool(result.status > 0))
+    return Minimum(theta, float(result.cost), bool(result.status > 0), int(result.nfev))
 
 
 def _on_bounds(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:

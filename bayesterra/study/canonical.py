@@ -178,7 +178,7 @@ def _least_squares(study: Study) -> dict[str, object]:
     options: dict[str, object] = {}
     for name, option in asdict(study.least_squares).items():
         values = {key: _value(key, v) for key, v in option.items()} if isinstance(option, dict) else option
-        if values != {}:
+        if values != {} and (name, values) != ("solvers", ("converged",)):  # as it is by default
             options[name] = values
     return options
 

@@ -253,6 +253,7 @@ class LeastSquaresOptions(Table):
     start, lower, upper : replace the method's own start values and bounds.
     delta : c1 and c2 change by less than this between the last passes of IM1.
     methods : which fits to make.
+    solvers : of IM1, IM2 and IM3: ``converged``, and the paper's, whose result hangs on its start.
     """
 
     hold: SoilValues = Field(default_factory=dict)
@@ -261,6 +262,7 @@ class LeastSquaresOptions(Table):
     upper: SoilValues = Field(default_factory=dict)
     delta: Annotated[Number, Field(gt=0)] = 0.002
     methods: tuple[Method, ...] = ("IM1", "IM2", "IM3", "joint")
+    solvers: Annotated[tuple[Literal["converged", "lsqcurvefit"], ...], Field(min_length=1)] = ("converged",)
 
 
 MANY_DRAWS = 10_000
