@@ -22,7 +22,7 @@ MODELS = sorted((ROOT / "models").rglob("*.py"))
 ONLY_IN = {
     "emcee": {"sampling/ensemble.py"},
     "arviz_stats": {"stats/diagnostics.py"},
-    "arviz_base": {"stats/diagnostics.py"},
+    "arviz": set(),
     "h5netcdf": {"runtime/netcdf.py"},
     "h5py": {"runtime/netcdf.py"},
     "pint": {"study/units.py"},

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from math import prod
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import h5py
@@ -101,7 +102,13 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
         for node in tree.subtree
         if node.data_vars
     }
-    write_bytes(path, bytes(tree.to_netcdf(engine="h5netcdf", encoding=encoding)))
+    try:
+        content = bytes(tree.to_netcdf(engine="h5netcdf", encoding=encoding))
+    except TypeError:  # xarray before 2025.9 writes trees to files only
+        with TemporaryDirectory() as folder:
+            tree.to_netcdf(Path(folder, path.name), engine="h5netcdf", encoding=encoding)
+            content = Path(folder, path.name).read_bytes()
+    write_bytes(path, content)
 
 
 DRAWS, RECORD = "draws.nc", "run.json"

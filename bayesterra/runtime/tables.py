@@ -33,6 +33,8 @@ MOST_ROWS = 200_000
 LONGEST_LINE = 2**20
 """Characters, at most, of a line of a table that is read row by row."""
 
+_EXACT: dict[str, Any] = {} if pd.__version__ >= "3" else {"float_precision": "round_trip"}
+"""How numbers are read back to the last digit; pandas does so by itself from 3.0 on."""
 _FORMULA = re.compile(r"'*(\s*[=+\-@＝＋－＠].|[\t\r\n])", re.DOTALL)  # a sign alone is none
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?|[-+]?(inf|nan)")
 
@@ -84,7 +86,7 @@ def read_csv(path: Path) -> pd.DataFrame:
             pass  # the shape is checked before another parser sees it
     except StudyError as error:
         raise ValueError(f"{path.name} {error}") from error
-    return _with_texts(pd.read_csv(StringIO(text)), unshielded)
+    return _with_texts(pd.read_csv(StringIO(text), **_EXACT), unshielded)
 
 
 def read_cells(

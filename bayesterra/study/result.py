@@ -432,7 +432,7 @@ def _records(table: pd.DataFrame) -> list[tuple[str, dict[str, float | str]]]:
 COUPLED = 0.8
 """Absolute correlation from which two parameters, neither of them determined, are coupled."""
 
-PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-base", "arviz-stats", "xarray")
+PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-stats", "xarray")
 
 
 def run_record(study: Study, seed: int, findings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:

@@ -48,12 +48,13 @@ class CompiledFiles:
     @cached_property
     def _folders(self) -> list[Path]:
         """Folders to read, the one to write last; where none can be written, all of them."""
-        kinds = [_LOCATORS.InTreeCacheLocator, _LOCATORS.UserWideCacheLocator]
+        kinds = ["InTreeCacheLocator", "UserWideCacheLocator"]
         if _CONFIG.CACHE_DIR:
-            kinds.insert(0, _LOCATORS.UserProvidedCacheLocator)
+            kinds.insert(0, "UserProvidedCacheLocator")
         found: list[Path] = []
         for kind in kinds:
-            found.append(Path(kind(self._function, str(self._source)).get_cache_path()))
+            locator = getattr(_LOCATORS, kind, None) or getattr(_LOCATORS, f"_{kind}")  # numba up to 0.61
+            found.append(Path(locator(self._function, str(self._source)).get_cache_path()))
             if _writable(found[-1]):
                 break
         return found

@@ -4,10 +4,13 @@ import re
 import tomllib
 from pathlib import Path
 
+import pytest
+
 import bayesterra
 
 ROOT = Path(__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+_TOML = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PROJECT, GROUPS = _TOML["project"], _TOML["dependency-groups"]
 
 
 def _newest_change() -> tuple[str, str]:
@@ -20,6 +23,26 @@ def _cited(key: str) -> str:
     found = re.search(rf"^{key}: (.+)$", (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.M)
     assert found is not None
     return found[1]
+
+
+def _extra(name: str) -> set[str]:
+    """Requirements of an extra, those of the extras that it names among them."""
+    found: set[str] = set()
+    for item in PROJECT["optional-dependencies"][name]:
+        others = re.fullmatch(r"bayesterra\[(.+)\]", item)
+        found |= set().union(*map(_extra, others[1].split(","))) if others else {item}
+    return found
+
+
+def _group(name: str) -> set[str]:
+    items = GROUPS[name]
+    return set().union(*(_group(item["include-group"]) if isinstance(item, dict) else {item} for item in items))
+
+
+@pytest.mark.parametrize("name", ["test", "docs", "dev"])
+def test_extras_and_groups_hold_the_same(name: str) -> None:
+    """Whichever of the two an installer reads."""
+    assert _extra(name) == _group(name)
 
 
 def test_version_is_the_same_everywhere() -> None:

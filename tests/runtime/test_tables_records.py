@@ -4,6 +4,8 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from bayesterra.analysis.result import RunRecord, read_result
@@ -11,6 +13,7 @@ from bayesterra.analysis.run import load_result
 from bayesterra.checking.ranks import Calibration
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.runtime.netcdf import read_drawn
+from bayesterra.runtime.tables import csv_text, read_csv
 from bayesterra.study.result import Result
 
 OLDER = Path(__file__).parents[1] / "analysis" / "older"
@@ -23,6 +26,14 @@ def edited(folder: Path, **entries: object) -> Path:
     record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
     (folder / "run.json").write_text(json.dumps({**record, **entries}), encoding="utf-8")
     return folder
+
+
+def test_tables_read_back_to_the_last_digit(tmp_path: Path) -> None:
+    """Numbers of every size, with every pandas that is allowed."""
+    rng = np.random.default_rng(1)
+    values = rng.standard_normal(20_000) * 10.0 ** rng.integers(-30, 30, 20_000)
+    (tmp_path / "values.csv").write_text(csv_text(pd.DataFrame({"value": values})), encoding="utf-8")
+    assert np.array_equal(read_csv(tmp_path / "values.csv")["value"], values)
 
 
 def test_a_record_begins_with_its_format(small_result: Result, tmp_path: Path) -> None:
