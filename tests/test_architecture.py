@@ -60,9 +60,10 @@ def is_page(name: str) -> bool:
     return name in ("page", "figures") or name.endswith("_page")
 
 
-def test_only_pages_draw() -> None:
+@pytest.mark.parametrize("library", ["matplotlib", "corner"])
+def test_only_pages_draw(library: str) -> None:
     """Plots are made in files called page, figures or so, which are loaded where something is drawn."""
-    users = [path for path in SOURCES if any(name.split(".")[0] == "matplotlib" for name in imported(path))]
+    users = [path for path in SOURCES if any(name.split(".")[0] == library for name in imported(path))]
     assert users
     assert [path for path in users if not is_page(path.stem)] == []
 
@@ -86,7 +87,7 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
             [],
             "import bayesterra; bayesterra.run",
             {
-                *("matplotlib", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
+                *("matplotlib", "corner", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
                 *(
                     "bayesterra.analysis.page",
                     "bayesterra.report.blocks",

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 
+import corner as corner_library
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -39,7 +40,7 @@ CORNER_DRAWS = 60_000
 CORNER_BINS = 36
 PRIOR_MASS = 0.99
 PRIOR_BINS = 30
-PALE = "#8A8A8A2E"
+PALE = ("#FFFFFF00", "#8A8A8A2E")
 GAP = 0.05
 """Between panels of the corner plot, in panels."""
 
@@ -90,56 +91,43 @@ def _panels(figure: Figure, limits: list[tuple[float, float]], labels: list[str]
 
 def _prior_layer(axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, float]]) -> None:
     """Prior on its whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
-    bins = binned(draws, ranges, PRIOR_BINS)
-    for i, j in zip(*np.tril_indices(len(axes), -1), strict=True):
-        x, y, heights, levels = contoured(bins[:, [j, i]], (ranges[j], ranges[i]), PRIOR_BINS, 3.0, (PRIOR_MASS,))
-        axes[i, j].contourf(x, y, heights, [levels[0], np.inf], colors=PALE)
-        axes[i, j].contour(x, y, heights, levels, colors=PRIOR, alpha=0.4, linewidths=0.7)
-    for ax, column, ends in zip(np.diagonal(axes), bins.T, ranges, strict=True):
+    for ax, x, y, pair in _pairs(axes, draws, ranges):
+        corner_library.hist2d(
+            x, y, PRIOR_BINS, pair, ax=ax, smooth=3.0, levels=(PRIOR_MASS,), fill_contours=True, color=PRIOR, **_BARE,
+            contour_kwargs={"alpha": 0.4, "linewidths": 0.7}, contourf_kwargs={"colors": PALE},
+        )  # fmt: skip
+    for ax, column, ends in zip(np.diagonal(axes), draws.T, ranges, strict=True):
         ax.stairs(*_marginal(column, ends, PRIOR_BINS, 2.0), color=PRIOR, alpha=0.6, baseline=None)
 
 
 def _posterior_layer(axes: FloatArray, draws: FloatArray, limits: list[tuple[float, float]]) -> None:
-    bins = binned(draws, limits, CORNER_BINS)
-    for i, j in zip(*np.tril_indices(len(axes), -1), strict=True):
-        pair = (limits[j], limits[i])
-        axes[i, j].contour(*contoured(bins[:, [j, i]], pair, CORNER_BINS, 1.2, PROBABILITIES), colors=POSTERIOR)
-    for ax, column, ends in zip(np.diagonal(axes), bins.T, limits, strict=True):
+    for ax, x, y, pair in _pairs(axes, draws, limits):
+        corner_library.hist2d(
+            x, y, CORNER_BINS, pair, ax=ax, smooth=1.2, levels=PROBABILITIES, no_fill_contours=True, color=POSTERIOR,
+            **_BARE,
+        )  # fmt: skip
+    for ax, column, ends in zip(np.diagonal(axes), draws.T, limits, strict=True):
         heights, edges = _marginal(column, ends, CORNER_BINS, 1.0)
         ax.stairs(heights, edges, color=POSTERIOR, baseline=None)
         ax.set_ylim(0, 1.12 * max(float(drawn.get_data().values.max()) for drawn in ax.patches))
 
 
-def binned(draws: FloatArray, ranges: list[tuple[float, float]], count: int) -> IntArray:
-    """Bin of every value of draws (n, d) in the range of its column; −1 outside."""
-    low, high = np.array(ranges).T
-    place = (draws - low) / (high - low) * count
-    inside = (place >= 0) & (place <= count)
-    return np.where(inside, np.minimum(place, count - 1), -1).astype(np.int64)
+_BARE = {"plot_datapoints": False, "plot_density": False}
 
 
-def _marginal(bins: IntArray, ends: tuple[float, float], count: int, smooth: float) -> tuple[FloatArray, FloatArray]:
+def _pairs(
+    axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, float]]
+) -> Iterator[tuple[Axes, FloatArray, FloatArray, tuple[tuple[float, float], tuple[float, float]]]]:
+    """Panels below the diagonal, with the draws (n,) along both sides and the sides' ranges."""
+    for i, j in zip(*np.tril_indices(len(axes), -1), strict=True):
+        yield axes[i, j], draws[:, j], draws[:, i], (ranges[j], ranges[i])
+
+
+def _marginal(draws: FloatArray, ends: tuple[float, float], count: int, smooth: float) -> tuple[FloatArray, FloatArray]:
     """Histogram of one column, smoothed, its area one, and the edges of its bins."""
-    heights = gaussian_filter(np.bincount(bins[bins >= 0], minlength=count).astype(np.float64), smooth)
-    return heights / heights.sum() * count / (ends[1] - ends[0]), np.linspace(*ends, count + 1)
-
-
-def contoured(
-    bins: IntArray, ranges: Sequence[tuple[float, float]], count: int, smooth: float, masses: tuple[float, ...]
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Smoothed histogram of two columns (n, 2) as x, y and heights, and the levels that hold masses, ascending.
-
-    One bin beyond its edges it is as at the edge, so that areas fill their panel; there contours close.
-    """
-    x, y = bins[(bins >= 0).all(axis=1)].T
-    counts = np.bincount(y * count + x, minlength=count**2).reshape(count, count)
+    counts, edges = np.histogram(draws, count, ends)
     heights = gaussian_filter(counts.astype(np.float64), smooth)
-    ordered = np.sort(heights, axis=None)[::-1]
-    last = np.searchsorted(np.cumsum(ordered) / ordered.sum(), masses, side="right") - 1
-    levels = np.unique(ordered[np.maximum(last, 0)])
-    padded = np.pad(np.pad(heights, 1, mode="edge"), 1, constant_values=float(heights.min()))
-    middles = [low + (np.arange(-2, count + 2) + 0.5) * (high - low) / count for low, high in ranges]
-    return middles[0], middles[1], padded, levels
+    return heights / heights.sum() * count / (ends[1] - ends[0]), edges
 
 
 def _limits(result: Result, draws: FloatArray) -> list[tuple[float, float]]:
@@ -176,7 +164,7 @@ def _points(axes: FloatArray, result: Result, scale: FloatArray) -> None:
 def _corner_legend(figure: Figure, result: Result) -> None:
     entries: list[Line2D | Patch] = [
         Line2D([], [], color=POSTERIOR, label="posterior: 50 and 90 %"),
-        Patch(facecolor=PALE, edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
+        Patch(facecolor=PALE[1], edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
         Line2D([], [], color=POSTERIOR, marker="P", linestyle="none", label="mode"),
     ]
     entries += map(mark_key, estimates(result))
