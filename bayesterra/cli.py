@@ -200,6 +200,14 @@ def init(file: Annotated[Path, argument("FILE", "The study file to write, e.g. s
     typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))
 
 
+@app.command(name="schema")
+def print_schema() -> None:
+    """Print the JSON schema of study files, by which editors complete and check keys."""
+    from bayesterra.study.schema import json_schema
+
+    typer.echo(json_schema())
+
+
 def _assignment(text: str) -> tuple[str, str]:
     name, equals, value = text.partition("=")
     if not equals:

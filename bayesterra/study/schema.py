@@ -7,6 +7,7 @@ unit, and calls from Python, where numbers are SI values (``bare`` in the valida
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
@@ -31,6 +32,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic.dataclasses import dataclass
+from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import ArgsKwargs, ErrorDetails
 
 from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, known, suggestion
@@ -182,14 +184,32 @@ def _named(value: object) -> object:
     return value
 
 
+def _measure(dimension: str) -> BeforeValidator:
+    """A quantity of a dimension, which JSON schemas show as text with a unit."""
+    words = f"text with a unit of {dimension}, a number from Python" if dimension else "a number, or text with % or so"
+    return BeforeValidator(
+        partial(_quantity, dimension), json_schema_input_type=Annotated[str | float, Field(description=words)]
+    )
+
+
+_Open, _Values = dict[str, Any], dict[str, str | float]
+
+
+def _entries(reader: Callable[..., Any]) -> PlainValidator:
+    """A table whose entries have a reader of their own."""
+    return PlainValidator(reader, json_schema_input_type=_Open)
+
+
 Text = Annotated[StrictStr, AfterValidator(_text)]
-Length = Annotated[float, BeforeValidator(partial(_quantity, "m"))]
-Force = Annotated[float, BeforeValidator(partial(_quantity, "N"))]
-Mass = Annotated[float, BeforeValidator(partial(_quantity, "kg"))]
-Acceleration = Annotated[float, BeforeValidator(partial(_quantity, "m/s^2"))]
-Number = Annotated[float, BeforeValidator(partial(_quantity, ""))]
-SoilValues = Annotated[dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS))]
-AnyValues = Annotated[dict[str, float], BeforeValidator(_stated)]
+Length = Annotated[float, _measure("m")]
+Force = Annotated[float, _measure("N")]
+Mass = Annotated[float, _measure("kg")]
+Acceleration = Annotated[float, _measure("m/s^2")]
+Number = Annotated[float, _measure("")]
+SoilValues = Annotated[
+    dict[str, float], BeforeValidator(partial(_parameters, MODEL_PARAMETERS), json_schema_input_type=_Values)
+]
+AnyValues = Annotated[dict[str, float], BeforeValidator(_stated, json_schema_input_type=_Values)]
 Method = Literal["IM1", "IM2", "IM3", "joint"]
 
 
@@ -230,7 +250,7 @@ class WheelTable(Table):
     width: Length
     lug_height: Length = 0.0
     lug_count: Annotated[StrictInt, Field(le=100_000)] = 0
-    shearing_radius_coefficient: Annotated[float | None, BeforeValidator(partial(_quantity, ""))] = None
+    shearing_radius_coefficient: Annotated[float | None, _measure("")] = None
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -240,7 +260,7 @@ class ModelOptions(Table):
     transition_slips: Annotated[tuple[float, float], BeforeValidator(_two_slips)] = (0.15, 0.5)
     shear_start: Literal["transition", "rim", "tip"] = "transition"
     constant_exponent: StrictBool = False
-    mean_load: Annotated[float | None, BeforeValidator(partial(_quantity, "N"))] = None
+    mean_load: Annotated[float | None, _measure("N")] = None
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -300,7 +320,11 @@ class Reference(Table):
     values: AnyValues = Field(default_factory=dict)
 
 
-StatedValues = Annotated[Reference | None, BeforeValidator(partial(gathered, ("source",))), BeforeValidator(_plain)]
+StatedValues = Annotated[
+    Reference | None,
+    BeforeValidator(partial(gathered, ("source",))),
+    BeforeValidator(_plain, json_schema_input_type=_Values),
+]
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -312,18 +336,22 @@ class StudyContent(Table):
     date: Annotated[Text, BeforeValidator(_day)] = ""
     model: Annotated[StrictStr, BeforeValidator(_model)] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
-    load_range: Annotated[tuple[float, float] | None, BeforeValidator(_load_range)] = None
-    pooling: Annotated[Pooling | None, BeforeValidator(partial(_read, pooling_table))] = None
+    load_range: Annotated[
+        tuple[float, float] | None, BeforeValidator(_load_range, json_schema_input_type=list[str])
+    ] = None
+    pooling: Annotated[Pooling | None, BeforeValidator(partial(_read, pooling_table), json_schema_input_type=_Open)] = (
+        None
+    )
     data: DataTable
     wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
-    noise: Annotated[dict[str, Noise], PlainValidator(_noise)] = Field(default_factory=dict)
-    discrepancy: Annotated[dict[str, Discrepancy], PlainValidator(partial(_read, discrepancies))] = Field(
+    noise: Annotated[dict[str, Noise], _entries(_noise)] = Field(default_factory=dict)
+    discrepancy: Annotated[dict[str, Discrepancy], _entries(partial(_read, discrepancies))] = Field(
         default_factory=dict
     )
-    ripple: Annotated[dict[str, Ripple], PlainValidator(partial(_read, ripples))] = Field(default_factory=dict)
-    slip: Annotated[SlipError | None, PlainValidator(partial(_read, slip_error))] = None
-    priors: Annotated[StatedPriors, PlainValidator(_priors)] = StatedPriors()
+    ripple: Annotated[dict[str, Ripple], _entries(partial(_read, ripples))] = Field(default_factory=dict)
+    slip: Annotated[SlipError | None, _entries(partial(_read, slip_error))] = None
+    priors: Annotated[StatedPriors, _entries(_priors)] = StatedPriors()
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
     published: StatedValues = None
     truth: StatedValues = None
@@ -417,3 +445,8 @@ def _shortened(value: object) -> str:
 def _heading(path: list[str]) -> str:
     table = ".".join(path).removesuffix(".values")
     return f"[{table}] " if table else ""
+
+
+def json_schema() -> str:
+    """JSON schema of study files, by which editors complete and check keys."""
+    return json.dumps({"$schema": GenerateJsonSchema.schema_dialect, **_ADAPTER.json_schema()}, indent=1)

@@ -1,8 +1,10 @@
 """The command line: exit codes, one-line errors, and what the commands leave behind."""
 
+import json
 import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 
@@ -187,6 +189,18 @@ def test_the_template_is_a_good_study(tmp_path: Path, capsys: Captured) -> None:
 def _switched_on(text: str) -> str:
     """Lines of a study file whose keys and tables are no longer commented out."""
     return "\n".join(re.sub(r"^# (?=\[|\w+ = )", "", line) for line in text.splitlines())
+
+
+def test_the_schema_knows_the_keys_of_studies(capsys: Captured) -> None:
+    """JSON for editors: every table and key of a study that ships, quantities as text or numbers."""
+    assert main(["schema"]) == 0
+    schema = json.loads(capsys.readouterr().out)
+    content = tomllib.loads((HIT / "study.toml").read_text(encoding="utf-8"))
+    assert set(schema["required"]) <= set(content) <= set(schema["properties"])
+    wheel = schema["$defs"]["WheelTable"]
+    assert set(content["wheels"]["Wh32"]) <= set(wheel["properties"])
+    assert wheel["properties"]["radius"]["anyOf"] == [{"type": "string"}, {"type": "number"}]
+    assert not wheel["additionalProperties"]
 
 
 def test_commented_lines_of_the_template_are_good_too(tmp_path: Path) -> None:
