@@ -61,7 +61,7 @@ def test_help_and_version_import_nothing_heavy() -> None:
     ("arguments", "message"),
     [
         (["chek", "x"], "No such command 'chek'"),
-        (["chek", "x"], "id you mean 'check'?"),
+        (["chek", "x"], "id you mean 'check'"),
         (["run", "x", "--overwrit"], "No such option: --overwrit (did you mean --overwrite?)"),
         (["run", str(HIT), "--resume", "--prior-only"], "goes on with sampling, and --prior-only does none"),
         (["check", "x", "--frobnicate"], "No such option: --frobnicate"),
