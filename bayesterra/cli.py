@@ -198,6 +198,9 @@ def init(file: Annotated[Path, argument("FILE", "The study file to write, e.g. s
     typer.echo(printable(f"Written: {file}"))
     typer.echo(printable(f"Next: put the measurements into {file.parent / 'measurements.csv'}, fill in the"))
     typer.echo(printable(f"rest, and see whether it is understood: bayesterra check {file}"))
+    typer.echo(
+        "Leave the noise to be estimated, unless repeats tell it: stated too small, it makes intervals too narrow."
+    )
 
 
 @app.command(name="schema")

@@ -141,7 +141,7 @@ def _standing_word(standing: Mapping[str, Any]) -> Markup:
 
 
 def prior_section(result: Result) -> Blocks:
-    """Sensitivity to the prior: how far it shapes the result."""
+    """Sensitivity to the prior and to the noise: how far they shape the result."""
     ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
     text = (
         Markup(
@@ -155,7 +155,7 @@ def prior_section(result: Result) -> Blocks:
         "No second prior was run for this report. To see what another one does, change [priors] in the "
         "study, run again and set the two results side by side."
     )
-    return (Text(text), _widths(result), Text(advice))
+    return (Text(text), _widths(result), Text(advice), *_other_noise(result))
 
 
 def _widths(result: Result) -> Table:
@@ -169,6 +169,28 @@ def _widths(result: Result) -> Table:
         "mean in standard deviations of the prior (beyond ± 2: data and prior disagree)."
     )
     return Table(caption, "lrr", ("", "sd ratio", "shift of the mean"), rows)
+
+
+def _other_noise(result: Result) -> Blocks:
+    """Intervals with half and double the stated noise; nothing where all noise is estimated."""
+    noise = result.record.get("noise", {})
+    if not noise:
+        return ()
+    rows = tuple(
+        (symbol(name), unit(name) or NOTHING, interval(*row.hdi), *(interval(*row.hdi_with(key)) for key in noise))
+        for name, row in summary_rows(result).items()
+        if name in result.names
+    )
+    how = [
+        f"{key}: {'a fit of its own' if of['refitted'] else 'the same draws, weighted'}"
+        + ("" if of["reliable"] else ", whose weights are too uneven to be relied on")
+        for key, of in noise.items()
+    ]
+    caption = (
+        "90 % HDI of the parameters with the noise as the study states it, with half and with double of it; "
+        f"estimated noise is estimated each time ({'; '.join(how)}). A guessed noise makes guessed widths."
+    )
+    return (Table(caption, "llrrr", ("", "unit", "as stated", *noise), rows),)
 
 
 def reproduce_section(result: Result) -> Blocks:
@@ -195,7 +217,7 @@ def _checklist() -> Table:
         ("2 Computation: convergence and effective size of every quantity", "Sampling quality"),
         ("3 Posterior, with predictive check", "Posterior; Predictive checks"),
         ("4 Decisions and criteria", "thresholds in Sampling quality, Predictive checks and Identifiability"),
-        ("5 Sensitivity to the prior", "Sensitivity to the prior: what one run can tell"),
+        ("5 Sensitivity to the prior", "Sensitivity to prior and noise: what one run can tell"),
         ("6 Reproducibility", "this section"),
     )
     caption = "Bayesian analysis reporting guidelines (Kruschke 2021): where each point is met."

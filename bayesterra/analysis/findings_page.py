@@ -38,6 +38,7 @@ def findings(result: Result) -> tuple[Finding, ...]:
         ("From the prior", from_the_prior(result)),
         ("Mode", about_the_mode(result)),
         ("Least squares", about_least_squares(result)),
+        ("Noise", about_the_noise(result)),
         ("Next", next_measurement(result)),
     )
     return tuple(Finding(lead, text) for lead, text in statements if text)
@@ -123,6 +124,25 @@ def about_the_mode(result: Result) -> Markup:
         )
         sentences.append(Markup("It lies on an edge (†), not on a summit: {}.").format(edges))
     return Markup(" ").join(sentences)
+
+
+def about_the_noise(result: Result) -> Markup:
+    """Widths with half and double the stated noise, and the parameter that changes most."""
+    if set(result.record.get("noise", ())) != {"half", "double"}:
+        return Markup("")
+    rows = summary_rows(result)
+    widths = {
+        key: {name: float(np.ptp(rows[name].hdi_with(key)) / np.ptp(rows[name].hdi)) for name in result.names}
+        for key in ("half", "double")
+    }
+    most = max(result.names, key=lambda name: widths["double"][name] / widths["half"][name])
+    half, double = (float(np.median(list(each.values()))) for each in widths.values())
+    return Markup(
+        "Stated, not estimated: half of it makes intervals {} times as wide, double {} times; most of all {}, {} or {}."
+    ).format(
+        number(half, 1), number(double, 1), symbol(most),
+        *(amount(most, interval(*rows[most].hdi_with(key))) for key in ("half", "double")),
+    )  # fmt: skip
 
 
 def about_least_squares(result: Result) -> Markup:

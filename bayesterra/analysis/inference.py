@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.random import Generator, SeedSequence, default_rng
+from threadpoolctl import threadpool_limits
 
 from bayesterra.analysis.result import PriorResult, RunResult, curves_dataset, draws_tree, predictions_dataset
 from bayesterra.arrays import FloatArray
@@ -38,7 +39,7 @@ from bayesterra.report.failures import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.sampling import importance, sampler
-from bayesterra.sampling.importance import Evidence, ensembles_evidence
+from bayesterra.sampling.importance import Evidence, PosteriorProposal, Redrawn, ensembles_evidence, redrawn
 from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
@@ -49,6 +50,8 @@ from bayesterra.study.study import Study
 
 MODE_DRAWS = 4000
 CURVE_DRAWS = 1000
+OTHER_NOISE = {"half": 0.5, "double": 2.0}
+"""Factors of the stated noise, of which a report says what they would change."""
 
 
 def run(
@@ -84,8 +87,8 @@ def run(
         check_installed()
     started = time.perf_counter()
     target = posterior(study)
-    streams = SeedSequence(seed).spawn(8)
-    sampling, prior_stream, predicting, validating, weighing, nesting, informing, loading = streams
+    streams = SeedSequence(seed).spawn(9)
+    sampling, prior_stream, predicting, validating, weighing, nesting, *later = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report, checkpoint_store=checkpoint_store)
     report(Progress("comparing", 1.0))
@@ -104,7 +107,7 @@ def run(
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, conditional, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
-    result = analysis.result(seed, default_rng(predicting), (validating, informing, loading), started)
+    result = analysis.result(seed, default_rng(predicting), (validating, *later), started)
     if not crosscheck:
         return result
 
@@ -136,15 +139,13 @@ class Analysis:
     refused: tuple[str, ...]
     failures: Failures
 
-    def result(
-        self, seed: int, rng: Generator, streams: tuple[SeedSequence, SeedSequence, SeedSequence], started: float
-    ) -> RunResult:
+    def result(self, seed: int, rng: Generator, streams: Sequence[SeedSequence], started: float) -> RunResult:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
 
-        ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, and for
-        loads before the readings.
+        ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, for
+        loads before the readings, and for other noise.
         """
-        validating, informing, loading = streams
+        validating, informing, loading, scaling = streams
         failures, draws_of = self.failures, self.kept.flat
         rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
@@ -160,6 +161,7 @@ class Analysis:
             dict[str, PointEstimate],
         )
         table, directions = self.identifiability(default_rng(informing))
+        noise = failures.attempt("noise", lambda: self.other_noise(default_rng(scaling)), dict[str, Redrawn])
         checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
         findings = {
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
@@ -170,6 +172,7 @@ class Analysis:
             "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},
             "refused_fits": list(self.refused),
             "standings": {name: results.of_point_estimate(standing) for name, standing in standings.items()},
+            "noise": {name: {k: v for k, v in vars(other).items() if k != "x"} for name, other in noise.items()},
             **directions,
             **checked.record(),
         }
@@ -177,6 +180,7 @@ class Analysis:
             self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis,
             failures,
         )  # fmt: skip
+        summary = summary.assign(**self._intervals(noise, summary["parameter"]))
         seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
         found = RunResult(
             study=self.study, draws=draws, summary=summary, least_squares=self.least_squares(standings),
@@ -229,6 +233,24 @@ class Analysis:
             self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
             self.failures.attempt("curves", curves, lambda: None),
         )  # fmt: skip
+
+    def other_noise(self, rng: Generator) -> dict[str, Redrawn]:
+        """Draws of the posteriors with half and with double the stated noise; none where all is estimated."""
+        if not self.study.noise_stated:
+            return {}
+        near = PosteriorProposal.of(self.posterior, self.kept.spaced(MODE_DRAWS))
+        others = {name: posterior(self.study.with_noise(factor)) for name, factor in OTHER_NOISE.items()}
+        with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
+            return {name: redrawn(near, other, rng) for name, other in others.items()}
+
+    def _intervals(self, noise: Mapping[str, Redrawn], quantities: Iterable[str]) -> dict[str, list[float]]:
+        """Columns of the summary: 90 % HDI of parameters with other noise, field units; NaN of what derives."""
+        columns, names = dict[str, list[float]](), self.posterior.names
+        for name, other in noise.items():
+            ends = {n: hdi(x / PARAMETERS[n].scale, CREDIBLE) for n, x in zip(names, other.x.T, strict=True)}
+            for i, end in enumerate(("lo", "hi")):
+                columns[f"hdi90_{end}_{name}"] = [ends[q][i] if q in ends else np.nan for q in quantities]
+        return columns
 
     def _modes(self) -> dict[str, Any]:
         """Record of the mode, and how much denser it is than the one at the values that least squares held."""

@@ -81,7 +81,7 @@ def _sections(draft: Draft[Result]) -> tuple[Section, ...]:
         draft.section("loo", "Cross-validation", cross_validation_section, "loo"),
         draft.section("identifiability", "Identifiability", identifiability_section, "identifiability"),
         draft.section("methods", "Least squares side by side", methods_section, "standings"),
-        draft.section("prior", "Sensitivity to the prior", prior_section),
+        draft.section("prior", "Sensitivity to prior and noise", prior_section),
         draft.section("words", "What the words mean", words_section),
         draft.section("reproduce", "Reproduce this", reproduce_section),
     )

@@ -60,6 +60,7 @@ Evidence = TypedDict("Evidence", {
 })  # fmt: skip
 PriorSupport = TypedDict("PriorSupport", {"tried": Count, "shares": dict[str, Number]})
 Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count, "delta_chi2": NotRequired[Some]})
+OtherNoise = TypedDict("OtherNoise", {"k_hat": Some, "refitted": bool, "reliable": bool})
 Fit = TypedDict("Fit", {
     "converged": bool, "passes": Count, "errors_percent": dict[ChannelName, Some], "held": Names,
     "at_bound": Names, "missing": Names, "notes": list[str],
@@ -125,6 +126,7 @@ class RunRecord(StudyRecord):
     prior_checks: PriorChecks
     loo: Annotated[LeftOut, AfterValidator(_same_length)]
     levels: list[Reading] = Field(default_factory=list)
+    noise: dict[Literal["half", "double"], OtherNoise] = Field(default_factory=dict)
 
     @classmethod
     def excused(cls, content: dict[str, Any]) -> Collection[str]:

@@ -19,6 +19,7 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.model_errors import Size
 from bayesterra.study.noise import Noise
 from bayesterra.study.page import law_text
+from bayesterra.study.plausibility import repeats
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.study import Study
 
@@ -40,17 +41,23 @@ def _readings(study: Study) -> Table:
     rows = study.observations
     columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
-    table: dict[Cell, list[str]] = {"row": [*map(str, rows.rows), "noise (sd)"]}
+    again = repeats(rows, study.noise)
+    last = 2 if again else 1
+    table: dict[Cell, list[str]] = {"row": [*map(str, rows.rows), "noise (sd)", "repeats (sd)"][: len(rows) + last]}
     if many:
-        table["wheel"] = [*rows.wheel, ""]
-    table[symbol("slip")] = [*column(rows.slip, 4), ""]
+        table["wheel"] = [*rows.wheel, *[""] * last]
+    table[symbol("slip")] = [*column(rows.slip, 4), *[""] * last]
     for name, values in columns.items():
         cells = zip(rows.marks(name), column(values / CHANNELS[name].scale), strict=True)
         noise = noise_text(study.noise.get(name))
-        table[with_unit(name)] = [*(f"{mark}{cell}" for mark, cell in cells), noise]
-    table["in the fit"] = [*("yes" if use else "no" for use in rows.use), ""]
-    caption = Markup("Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}").format(
-        _origin(study)
+        own = [f"{again[name].sd / CHANNELS[name].scale:.2g}" if name in again else ""] if again else []
+        table[with_unit(name)] = [*(f"{mark}{cell}" for mark, cell in cells), noise, *own]
+    table["in the fit"] = [*("yes" if use else "no" for use in rows.use), *[""] * last]
+    told = (
+        " Repeats: scatter of readings at the same wheel, load and slip, by which noise can be judged." if again else ""
+    )
+    caption = Markup("Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}{}").format(
+        _origin(study), told
     )
     align = "l" + "l" * many + "r" * (len(columns) + 1) + "c"
     return Table(caption, align, tuple(table), tuple(zip(*table.values(), strict=True)))

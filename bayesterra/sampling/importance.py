@@ -15,7 +15,7 @@ from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densit
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.stats.mixture import ProposalLaw, RandomSource, StudentMixture, fit_mixture
 from bayesterra.stats.transport import fit_proposal
-from bayesterra.stats.weights import effective_number, log_mean, pareto_limit, pareto_smoothed, relative
+from bayesterra.stats.weights import effective_number, log_mean, pareto_limit, pareto_smoothed, relative, systematic
 
 COMPONENTS = 12
 FITTED = 4096
@@ -113,6 +113,59 @@ class Pair:
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
         return np.asarray(np.logaddexp(self.first.log_density(u), self.second.log_density(u)) - np.log(2.0))
+
+
+EVEN, ENOUGH = 0.5, 400.0
+"""Pareto k̂ and effective number of weights with which draws stand for another posterior's quantiles."""
+REDRAWN = 4000
+
+
+@dataclass(frozen=True)
+class Redrawn:
+    """Draws of another posterior over the same parameters.
+
+    Attributes
+    ----------
+    x : draws (n, d), SI and radians.
+    k_hat : Pareto k̂ of the weights that lead there.
+    refitted : whether these would not do, and a proposal of its own was fitted.
+    reliable : False where that one's weights are too uneven, too.
+    """
+
+    x: FloatArray
+    k_hat: float
+    refitted: bool
+    reliable: bool
+
+
+def redrawn(near: PosteriorProposal, other: Posterior, rng: Generator) -> Redrawn:
+    """Draws of a posterior that differs in its likelihood, by weights or by a proposal of its own."""
+    x, _ = near.coordinates.to_physical(near.u)
+    ratio = other.log_prior_and_likelihood(x)[1] - near.posterior.log_prior_and_likelihood(x)[1]
+    finite = np.isfinite(ratio)
+    smoothed, k_hat = pareto_smoothed(ratio[finite])
+    weights = np.exp(smoothed)
+    if k_hat <= EVEN and effective_number(weights) >= ENOUGH:
+        return Redrawn(x[finite][systematic(weights, REDRAWN, rng)], k_hat, False, True)
+
+    def densities(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        inside, log_jacobian = near.coordinates.to_physical(u)
+        prior, likelihood = other.log_prior_and_likelihood(inside)
+        possible = (prior > -np.inf) & np.isfinite(log_jacobian)
+        return np.where(possible, prior + np.where(possible, log_jacobian, 0.0), -np.inf), likelihood
+
+    start = near.u[finite][systematic(weights, REFINEMENT.particles, rng)]
+    law = Pair(refined(start, densities, rng), near.mixture(rng))
+    for n in (2 * REDRAWN, 8 * REDRAWN):
+        u = law.sample(n, rng)
+        prior, likelihood = densities(u)
+        log_weights = np.where(prior > -np.inf, prior + likelihood, -np.inf) - law.log_density(u)
+        u, log_weights = u[log_weights > -np.inf], log_weights[log_weights > -np.inf]
+        smoothed, own = pareto_smoothed(log_weights)
+        if own < pareto_limit(n):
+            break
+    chosen = u[systematic(np.exp(smoothed), REDRAWN, rng)]
+    return Redrawn(near.coordinates.to_physical(chosen)[0], k_hat, True, own < pareto_limit(n))
 
 
 DRAWS = 16384

@@ -5,7 +5,7 @@ Its law is Gaussian, or Student's with given degrees of freedom, whose tails let
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -108,6 +108,11 @@ class Noise:
         else:
             scale = np.broadcast_to(estimated[:, None], predicted.shape)
         return np.where(np.isnan(given), scale, given)
+
+    def scaled(self, factor: float) -> Noise:
+        """The same with a stated size times ``factor``; an estimated one is as it is."""
+        sd, fraction = (None if size is None else factor * size for size in (self.sd, self.fraction))
+        return replace(self, sd=sd, fraction=fraction, floor=factor * self.floor)
 
     @cached_property
     def tails(self) -> Tails:

@@ -1,14 +1,18 @@
-"""Readings that no wheel makes: wrong units, signs and columns, found before they pass for a soil."""
+"""Readings that no wheel makes, and noise that repeats contradict, found before they pass for a soil."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from scipy.stats import chi2
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.models import Wheel
 from bayesterra.parameters import CHANNELS, OUTCOMES
+from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
 GRAVITY = 9.81
@@ -20,13 +24,82 @@ FEW, SPAN = 4, 0.1
 """Rows and range of slip from which on a channel that never changes is doubted."""
 
 
-def implausible(rows: Observations, wheels: Mapping[str, Wheel]) -> tuple[str, ...]:
+SAME_SLIP, SAME_LOAD = 0.005, 0.01
+"""Slips, and shares of a load, nearer than which readings repeat one another."""
+SURE = 0.001
+"""Probability of a scatter as small, or as great, below which repeats contradict the stated noise."""
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Scatter of readings of one channel that were taken again under the same conditions.
+
+    Attributes
+    ----------
+    sd : pooled standard deviation about the means, SI.
+    stated : standard deviation that the study states there, SI; NaN where it is estimated.
+    freedom : degrees of freedom, readings less conditions.
+    """
+
+    sd: float
+    stated: float
+    freedom: int
+
+    @property
+    def contradict(self) -> bool:
+        """True where the stated noise makes such a scatter less often than ``SURE`` on either side."""
+        below = chi2.cdf(self.freedom * (self.sd / self.stated) ** 2, self.freedom)
+        return bool(below < SURE or below > 1.0 - SURE)
+
+
+def repeats(rows: Observations, noise: Mapping[str, Noise]) -> dict[str, Repeats]:
+    """Repeats by channel, of rows in the fit with the same wheel, load and slip; none where there are none."""
+    used, found = rows.used().numbers(), dict[str, Repeats]()
+    driven = list(zip(used.wheel, map(_level, used.load.tolist()), used.slip.tolist(), strict=True))
+    group = np.zeros(len(used), dtype=np.int64)
+    for before, i in pairwise(sorted(range(len(used)), key=driven.__getitem__)):
+        near = driven[i][:2] == driven[before][:2] and driven[i][2] - driven[before][2] < SAME_SLIP
+        group[i] = group[before] + (not near)
+    for name, law in noise.items():
+        values, apart, freedom, stated = _read(used, name), 0.0, 0, list[float]()
+        for level in np.unique(group):
+            mine = (group == level) & ~np.isnan(values)
+            if mine.sum() > 1:
+                middle = values[mine].mean()
+                apart, freedom = apart + ((values[mine] - middle) ** 2).sum(), freedom + int(mine.sum()) - 1
+                if law.law is None:
+                    stated += [
+                        float(law.scale(np.array([[middle]]), None, sd[None])[0, 0]) for sd in used.given_sd[name][mine]
+                    ]
+        if freedom and apart > 0:
+            size = float(np.sqrt(np.mean(np.square(stated)))) if stated else np.nan
+            found[name] = Repeats(float(np.sqrt(apart / freedom)), size, freedom)
+    return found
+
+
+def _level(load: float) -> float:
+    """Loads within a share of each other as one number; 0 where none is stated."""
+    return 0.0 if np.isnan(load) or load <= 0 else float(round(np.log(load) / SAME_LOAD))
+
+
+def _contradicted(rows: Observations, noise: Mapping[str, Noise]) -> Iterator[str]:
+    """Stated noise that repeats contradict; Student's has tails of its own."""
+    for name, each in repeats(rows, noise).items():
+        if np.isinf(noise[name].dof) and each.contradict:
+            scale, unit = CHANNELS[name].scale, CHANNELS[name].unit
+            yield (
+                f"{name} repeats to {each.sd / scale:.2g} {unit} ({each.freedom} degrees of freedom), and its noise is "
+                f"stated as {each.stated / scale:.2g} {unit}: is it a guess? Estimate it, see 'estimate' in [noise]"
+            )
+
+
+def implausible(rows: Observations, wheels: Mapping[str, Wheel], noise: Mapping[str, Noise]) -> tuple[str, ...]:
     """Sentences on rows in the fit that a wheel can hardly have made, with row and mend; mostly none."""
     used = rows.used().numbers()
     each = ((name, wheels[name]) for name in dict.fromkeys(used.wheel))
     bare = (name for name, wheel in each if wheel.lug_height and not wheel.lug_count)
     lugs = (f"wheel {name} has lugs of a height, and a count of 0: is 'lug_count' missing?" for name in bare)
-    return (*lugs, *_beyond_the_load(used, wheels), *_signs(used), *_repeated(used))
+    return (*lugs, *_beyond_the_load(used, wheels), *_signs(used), *_repeated(used), *_contradicted(rows, noise))
 
 
 def _beyond_the_load(rows: Observations, wheels: Mapping[str, Wheel]) -> Iterator[str]:

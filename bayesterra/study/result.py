@@ -344,6 +344,14 @@ class SummaryRow:
     prior_mean: float
     prior_sd: float
     mode_at: str = "inside"
+    hdi90_lo_half: float = float("nan")
+    hdi90_hi_half: float = float("nan")
+    hdi90_lo_double: float = float("nan")
+    hdi90_hi_double: float = float("nan")
+
+    def hdi_with(self, noise: str) -> tuple[float, float]:
+        """The ends of the interval with ``half`` or ``double`` the stated noise; NaN where that is not known."""
+        return getattr(self, f"hdi90_lo_{noise}"), getattr(self, f"hdi90_hi_{noise}")
 
     @property
     def hdi(self) -> tuple[float, float]:
@@ -401,7 +409,9 @@ def summary_rows(result: DrawnResult) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
     names = [column.name for column in fields(SummaryRow) if column.name != "mode_at"]
     return {
-        name: SummaryRow(**{key: float(row[key]) for key in names}, mode_at=str(row.get("mode_at", "inside")))
+        name: SummaryRow(
+            **{key: float(row[key]) for key in names if key in row}, mode_at=str(row.get("mode_at", "inside"))
+        )
         for name, row in _records(result.summary)
     }
 

@@ -155,6 +155,18 @@ class Study:
         """The same study with other rows, which hold what its drive conditions on and the same channels."""
         return self.having(observations=rows)
 
+    @property
+    def noise_stated(self) -> bool:
+        """True where the noise of some reading in the fit is stated, not estimated."""
+        given = self.observations.used().given_sd
+        return any(n.law is None or not np.isnan(given[name]).all() for name, n in self.noise.items())
+
+    def with_noise(self, factor: float) -> Study:
+        """The same study with all stated noise times ``factor``; estimated noise as it is."""
+        given = {name: frozen(factor * sd) for name, sd in self.observations.given_sd.items()}
+        noise = {name: each.scaled(factor) for name, each in self.noise.items()}
+        return self.having(noise=noise, observations=replace(self.observations, given_sd=given))
+
     def having(self, **attributes: Any) -> Study:
         """The same study with other attributes, which are taken as they are."""
         other = copy(self)
@@ -250,7 +262,7 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
-        "warnings": implausible(rows, wheels),
+        "warnings": implausible(rows, wheels, {} if errors.ripple or errors.slip else noise),
         "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling, prior)),
     }
 

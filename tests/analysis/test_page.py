@@ -12,7 +12,7 @@ import pytest
 from markupsafe import Markup, escape
 
 from bayesterra.analysis import findings_page
-from bayesterra.analysis.closing_page import WORDS
+from bayesterra.analysis.closing_page import WORDS, prior_section
 from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, reached, slip_table
 from bayesterra.analysis.page import Page, data_section, run_page, warning
@@ -382,3 +382,16 @@ def test_a_result_tells_what_it_is_in_ten_lines(small_result: Result) -> None:
     assert "chains × " in lines[6]
     assert lines[6].endswith("of Ks, n0, n1, c, phi, K, c1, c2")
     assert max(map(len, lines)) < 130
+
+
+def test_half_and_double_noise_stand_beside_the_stated_one(small_result: Result) -> None:
+    """HIT's noise is a guess: narrower and wider intervals, from the summary, and the first screen says so."""
+    blocks = [block for block in prior_section(small_result) if isinstance(block, Table)]
+    rows = summary_rows(small_result)
+    assert blocks[-1].header[2:] == ("as stated", "half", "double")
+    for cells, name in zip(blocks[-1].rows, small_result.names, strict=True):
+        ends = (rows[name].hdi, rows[name].hdi_with("half"), rows[name].hdi_with("double"))
+        assert cells[2:] == tuple(interval(*pair) for pair in ends), name
+    widths = {key: np.ptp(rows["K"].hdi_with(key)) / np.ptp(rows["K"].hdi) for key in ("half", "double")}
+    assert widths["half"] < 0.85 < 1.2 < widths["double"]
+    assert "Stated, not estimated" in _plain(findings_page.about_the_noise(small_result))

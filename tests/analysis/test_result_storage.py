@@ -25,6 +25,7 @@ GROUPS = {
 SUMMARY = [
     "parameter", "unit", "mode", "mean", "median", "sd", "hdi90_lo", "hdi90_hi",
     "mcse_mean", "mcse_median", "mcse_sd", "ess_bulk", "ess_tail", "r_hat", "prior_mean", "prior_sd", "mode_at",
+    "hdi90_lo_half", "hdi90_hi_half", "hdi90_lo_double", "hdi90_hi_double",
 ]  # fmt: skip
 
 

@@ -178,11 +178,13 @@ def test_the_template_is_a_good_study(tmp_path: Path, capsys: Captured) -> None:
     """What init writes is understood as soon as there are measurements beside it."""
     file = tmp_path / "study.toml"
     assert main(["init", str(file)]) == 0
-    assert "bayesterra check" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "bayesterra check" in printed
+    assert "Leave the noise to be estimated" in printed
     table = "slip,load [N],sinkage [mm],drawbar_pull [N],resistance_moment [N m]\n0.1,80,5,14,3.5\n"
     (tmp_path / "measurements.csv").write_text(table)
     study = load_study(file)
-    assert study.prior.names[-1] == "noise_drawbar_pull"
+    assert study.prior.names[-3:] == ("noise_sinkage", "noise_drawbar_pull", "noise_resistance_moment")
     assert list(study.noise) == ["sinkage", "drawbar_pull", "resistance_moment"]
 
 

@@ -11,7 +11,7 @@ from scipy.stats import beta, multivariate_normal, norm
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
-from bayesterra.sampling.importance import Evidence, evidence, of_evidence
+from bayesterra.sampling.importance import Evidence, PosteriorProposal, evidence, of_evidence, redrawn
 from bayesterra.sampling.sampler import Target, sample
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture
@@ -200,3 +200,25 @@ def test_error_of_the_share_inside_the_support_is_that_of_counting() -> None:
     counted = default_rng(2).binomial(4000, 0.25, size=20_000) / 4000
     assert record["log_share"] == pytest.approx(np.log(0.25))
     assert record["log_share_error"] == pytest.approx(np.log(counted).std(), rel=0.03)
+
+
+@pytest.mark.parametrize(("factor", "refitted"), [(0.8, False), (0.2, False), (4.0, True)])
+def test_draws_with_other_noise_are_those_of_its_own_posterior(
+    make_study: MakeStudy, factor: float, refitted: bool
+) -> None:
+    """One parameter, by quadrature: weights do near by, a fit of its own far off."""
+    study = make_study(free=("phi",))
+    grid = np.linspace(0.2, 0.8, 4001)[:, None]
+
+    def law(of: Study) -> FloatArray:
+        density = posterior(of).log_density(grid)
+        weights = np.exp(density - density.max())
+        return np.asarray(np.cumsum(weights) / weights.sum())
+
+    draws = np.interp(default_rng(1).random(4000), law(study), grid[:, 0])[:, None]
+    near, other = PosteriorProposal.of(posterior(study), draws), study.with_noise(factor)
+    found = redrawn(near, posterior(other), default_rng(2))
+    assert (found.refitted, found.reliable) == (refitted, True)
+    exact = np.interp([0.05, 0.5, 0.95], law(other), grid[:, 0])
+    width = exact[2] - exact[0]
+    assert (np.abs(np.quantile(found.x[:, 0], [0.05, 0.5, 0.95]) - exact) < 0.06 * width).all()

@@ -16,12 +16,18 @@ import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis.page import warning
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.page import conditions
 from bayesterra.models import M1, M2, Soil, Wheel
+from bayesterra.report.blocks import Table
+from bayesterra.stats.laws import Law
+from bayesterra.study.noise import Noise
+from bayesterra.study.plausibility import repeats
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 SOIL = Soil(Ks=2.5e6, n0=0.85, n1=1.06, c=268.0, phi=0.51, K=0.0101, c1=0.339, c2=-0.017)
 SLIPS = np.array([0.05, 0.1, 0.2, 0.3, 0.45, 0.6])
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.0, "resistance_moment": 0.3}
+ESTIMATED = Noise("drawbar_pull", law=Law("halfnorm", {"scale": 2.0}, lower=0.2))
 STUDIES = Path(__file__).parents[2] / "studies"
 PULL, MOMENT, SINKAGE = "drawbar_pull [N]", "resistance_moment [N m]", "sinkage [mm]"
 
@@ -190,3 +196,39 @@ set = "paper-box"
 
     made = SimpleNamespace(study=bt.load_study(tmp_path), record={}, draws={}, converged=True, verdicts=())
     assert "are loads in kilograms?" in warning(cast("bt.Result", made))
+
+
+def repeated(scatter: float, number: int = 4, seed: int = 1) -> pd.DataFrame:
+    """Every condition driven some times, pulls scattered by ``scatter`` N, slips by less than counts."""
+    data, rng = pd.concat([table()] * number, ignore_index=True), default_rng(seed)
+    for name, size in ((SINKAGE, 1.0), (PULL, scatter), (MOMENT, 0.3)):
+        data[name] += size * rng.standard_normal(len(data))
+    return data.assign(slip=data["slip"] + 0.001 * rng.random(len(data)))
+
+
+def test_repeats_estimate_the_noise() -> None:
+    """Pooled about the means of every condition, by hand; of rows in the fit and of one load only."""
+    data = repeated(1.0)
+    found = repeats(study(data).observations, study(data).noise)["drawbar_pull"]
+    apart = data.groupby(data["slip"].round(2))[PULL].transform("mean") - data[PULL]
+    assert found.freedom == 18
+    assert found.sd == pytest.approx(np.sqrt((apart**2).sum() / 18))
+    assert found.stated == 1.0
+    other = data.assign(**{"load [N]": np.repeat([80.0, 90.0, 100.0, 110.0], 6)})
+    assert repeats(study(other).observations, study(other).noise) == {}
+    assert repeats(study(table()).observations, study(table()).noise) == {}
+
+
+@pytest.mark.parametrize(("scatter", "warned"), [(0.3, True), (1.0, False), (3.0, True)])
+def test_noise_that_repeats_contradict_is_warned_of(scatter: float, warned: bool) -> None:
+    """Too small and too large alike, with both figures; the table of readings shows them beside each other."""
+    made = study(repeated(scatter))
+    found = [line for line in made.warnings if line.startswith("drawbar_pull repeats to")]
+    assert len(found) == warned
+    assert not warned or "(18 degrees of freedom), and its noise is stated as 1 N" in found[0]
+    shown = conditions(made)[0]
+    assert isinstance(shown, Table)
+    assert shown.rows[-1][0] == "repeats (sd)"
+    assert float(str(shown.rows[-1][4])) == pytest.approx(scatter, rel=0.5)
+    estimated = study(repeated(scatter), noise={**NOISE, "drawbar_pull": ESTIMATED})
+    assert not any(line.startswith("drawbar_pull") for line in estimated.warnings)
