@@ -19,7 +19,6 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.model_errors import Size
 from bayesterra.study.noise import Noise
 from bayesterra.study.page import law_text
-from bayesterra.study.plausibility import repeats
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.study import Study
 
@@ -41,7 +40,7 @@ def _readings(study: Study) -> Table:
     rows = study.observations
     columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
     many = len(study.wheels) > 1
-    again = repeats(rows, study.noise)
+    again = study.repeats
     last = 2 if again else 1
     table: dict[Cell, list[str]] = {"row": [*map(str, rows.rows), "noise (sd)", "repeats (sd)"][: len(rows) + last]}
     if many:

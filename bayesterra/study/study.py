@@ -22,7 +22,7 @@ from bayesterra.study.groups import Pooling, values_of_group
 from bayesterra.study.model_errors import ModelErrors, check_groups
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, observations, read_table
-from bayesterra.study.plausibility import implausible
+from bayesterra.study.plausibility import Repeats, implausible, repeats
 from bayesterra.study.priors import Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
 
@@ -156,6 +156,11 @@ class Study:
         return self.having(observations=rows)
 
     @property
+    def repeats(self) -> dict[str, Repeats]:
+        """Scatter of readings under one load and slip by channel, where such differ by their noise alone."""
+        return repeats(self.observations, self.noise) if _repeatable(self.drive, self.errors) else {}
+
+    @property
     def noise_stated(self) -> bool:
         """True where the noise of some reading in the fit is stated, not estimated."""
         given = self.observations.used().given_sd
@@ -262,9 +267,14 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
         "taken": soil.taken,
-        "warnings": implausible(rows, wheels, {} if errors.ripple or errors.slip else noise),
+        "warnings": implausible(rows, wheels, noise if _repeatable(drive, errors) else {}),
         "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling, prior)),
     }
+
+
+def _repeatable(drive: Drive, errors: ModelErrors) -> bool:
+    """True where readings under one load and slip differ by their noise alone."""
+    return drive == Drive.LOAD and not errors.ripple and errors.slip is None
 
 
 _KEPT = ("title", "soil", "date", "least_squares", "published", "truth", "sampling")

@@ -21,7 +21,6 @@ from bayesterra.models import M1, M2, Soil, Wheel
 from bayesterra.report.blocks import Table
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
-from bayesterra.study.plausibility import repeats
 
 WHEEL = Wheel(0.15735, 0.165, 0.010, 30, 0.65)
 SOIL = Soil(Ks=2.5e6, n0=0.85, n1=1.06, c=268.0, phi=0.51, K=0.0101, c1=0.339, c2=-0.017)
@@ -209,14 +208,15 @@ def repeated(scatter: float, number: int = 4, seed: int = 1) -> pd.DataFrame:
 def test_repeats_estimate_the_noise() -> None:
     """Pooled about the means of every condition, by hand; of rows in the fit and of one load only."""
     data = repeated(1.0)
-    found = repeats(study(data).observations, study(data).noise)["drawbar_pull"]
+    found = study(data).repeats["drawbar_pull"]
     apart = data.groupby(data["slip"].round(2))[PULL].transform("mean") - data[PULL]
     assert found.freedom == 18
     assert found.sd == pytest.approx(np.sqrt((apart**2).sum() / 18))
     assert found.stated == 1.0
     other = data.assign(**{"load [N]": np.repeat([80.0, 90.0, 100.0, 110.0], 6)})
-    assert repeats(study(other).observations, study(other).noise) == {}
-    assert repeats(study(table()).observations, study(table()).noise) == {}
+    assert study(other).repeats == study(table()).repeats == {}
+    unknown = data.rename(columns={"load [N]": "normal_force [N]"})  # what a load was is not known then
+    assert study(unknown, drive="both", noise={**NOISE, "normal_force": 1.0}).repeats == {}
 
 
 @pytest.mark.parametrize(("scatter", "warned"), [(0.3, True), (1.0, False), (3.0, True)])
