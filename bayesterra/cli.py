@@ -422,6 +422,30 @@ def soiltest(
     raise typer.Exit(0 if result.converged else 3)
 
 
+@app.command(short_help="Reduce raw logs of drives or plate tests to rows.")
+def reduce(
+    logs: Annotated[list[Path], argument("LOG...", "CSV, Excel, Parquet, MATLAB (.mat) or ROS bag.")],
+    out: Annotated[Path, option("FILE", "New table; its page stands beside it.")] = Path("measurements.csv"),
+    zero: Annotated[Path | None, option("LOG", "Record of the unloaded sensors: its means are subtracted.")] = None,
+    radius: Annotated[str | None, option("R", 'Radius behind the rim\'s speed, e.g. "58 mm".')] = None,
+    lugs: Annotated[
+        int, typer.Option(min=0, metavar="N", help="Lugs of the wheel: they give the ripple's period.")
+    ] = 0,
+    plate: Annotated[str | None, option("D", 'Diameter of a plate, e.g. "100 mm": logs are plate tests.')] = None,
+    steady: Annotated[float, option("SHARE", "Drift within a window that is taken for steady.")] = 0.02,
+    kind: Annotated[str, option("WORD", "measured, digitised or simulated.")] = "measured",
+    sheet: Annotated[str, option("NAME", "Sheet of an Excel workbook.")] = "",
+    decimal: Annotated[str | None, option("MARK", "What separates decimals, where asked for: , or .")] = None,
+) -> None:
+    """Reduce logs: steady windows of drives to rows with standard errors, plate tests to their loading branch."""
+    from bayesterra.reduce.reduction import reduce_logs
+
+    asked: dict[str, Any] = {"radius": radius, "lugs": lugs, "plate": plate, "steady": steady}
+    reduction = reduce_logs(logs, zero=zero, kind=kind, sheet=sheet, decimal=decimal, **asked)
+    reduction.save(out)
+    show(reduction, out)
+
+
 @app.command(short_help="Update a posterior row by row; say when the soil changes.")
 def follow(
     what: Annotated[

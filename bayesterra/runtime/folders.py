@@ -6,7 +6,7 @@ import ctypes
 import os
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
@@ -431,3 +431,33 @@ def write_new(file: Path, text: str) -> None:
         raise StudyError(f"'{file}' exists already and is not overwritten: give another name") from error
     except OSError as error:
         raise StudyError(f"'{file}' cannot be written ({error.strerror})") from error
+
+
+def write_new_files(contents: Mapping[Path, str]) -> None:
+    """Write text files that do not exist yet, all of them or none.
+
+    Raises
+    ------
+    ResultError : one exists already, or cannot be written.
+    """
+    for path in contents:
+        if os.path.lexists(path):
+            raise ResultError(f"'{path}' exists already and is not overwritten: give another name with --out")
+    begun, made = [], []
+    try:
+        for path, text in contents.items():
+            temporary, file = _temporary(path)
+            begun.append(temporary)
+            with file:
+                file.write(text.encode("utf-8", errors="backslashreplace"))
+            to_disk(temporary)
+        for temporary, path in zip(begun, contents, strict=True):
+            os.link(temporary, path)  # which never replaces a file
+            made.append(path)
+    except OSError as error:
+        for path in made:
+            path.unlink()
+        raise ResultError(f"'{next(iter(contents))}' cannot be written: {error.strerror or error}") from error
+    finally:
+        for temporary in begun:
+            temporary.unlink(missing_ok=True)

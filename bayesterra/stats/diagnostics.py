@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 from numpy.random import default_rng
-from scipy.special import chdtrc, digamma, ndtri
+from scipy.special import chdtrc, digamma, ndtr, ndtri, stdtrit
 from scipy.stats import binom, rankdata
 
 from bayesterra.arrays import FloatArray, IntArray
@@ -322,3 +322,39 @@ def _log_density_at(points: FloatArray, x: FloatArray, k: int) -> FloatArray:
 
 def _width(left: FloatArray, right: FloatArray) -> FloatArray:
     return np.maximum(right - left, 1e-300)
+
+
+STATIONARY = 0.463
+"""Statistic of :func:`level_stationarity` that one stationary series in twenty exceeds."""
+
+
+def level_stationarity(series: FloatArray) -> float:
+    """Statistic of Kwiatkowski, Phillips, Schmidt and Shin (1992) for a constant level of a series (n,).
+
+    The long-run variance has Bartlett's weights over 4 (n/100)^(1/4) lags; 0 for a constant series.
+    """
+    n = len(series)
+    centred = series - series.mean()
+    lags = int(4 * (n / 100) ** 0.25)
+    products = [float(centred[lag:] @ centred[: n - lag]) / n for lag in range(lags + 1)]
+    variance = products[0] + 2 * sum((1 - lag / (lags + 1)) * products[lag] for lag in range(1, lags + 1))
+    return float(np.sum(np.cumsum(centred) ** 2) / (n**2 * variance)) if variance > 0 else 0.0
+
+
+def error_of_mean(series: FloatArray) -> float:
+    """Standard error of the mean of a short stationary series (n,), n above 3, two of which hold 95 % of means.
+
+    Neighbours may hang together: a series of first order, its correlation corrected for its bias of
+    (1 + 3 ρ)/n (Kendall 1954); then Student's t with as many values as are independent.
+    """
+    n = len(series)
+    centred = series - series.mean()
+    power = float(centred @ centred)
+    if power == 0:
+        return 0.0
+    correlation = float(centred[1:] @ centred[:-1]) / power
+    correlation = min(max(0.0, (n * correlation + 1) / (n - 3)), 1 - 2 / n)
+    time = (1 + correlation) / (1 - correlation)
+    size = max(n / time, 2.0)
+    variance = power / n / (1 - 1 / size)
+    return float(np.sqrt(variance / size) * stdtrit(size - 1, ndtr(2.0)) / 2)
