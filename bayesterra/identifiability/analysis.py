@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.arrays import BoolArray, FloatArray, spaced
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import enumerated
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
 from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
@@ -23,14 +23,10 @@ from bayesterra.identifiability.verdicts import (
     MOVED,
     STRUCTURAL,
     WEAK,
-    Correlated,
     Identifiability,
-    bound,
     disagreements,
     evidence,
-    own_scale,
-    tied_to,
-    ties,
+    identifiability,
     word,
 )
 from bayesterra.likelihood.joint import Whole
@@ -77,23 +73,6 @@ class Analysis:
     seconds: dict[str, float]
 
 
-@dataclass(frozen=True)
-class Outlook:
-    """Expectations from a design before it is measured, over the cut prior; see :class:`Analysis`."""
-
-    names: tuple[str, ...]
-    structure: Structure
-    spread: LocalAnalysis
-    collinearity: Collinearity
-
-
-def outlook(posterior: Whole, prior: FloatArray) -> Outlook:
-    """Find out what a design could determine, from draws (m, d) of the cut prior; readings do not count."""
-    spread = local_analysis(posterior, spaced(prior, LOCAL_DRAWS), prior)
-    seen = structure(posterior, prior[:STRUCTURE_DRAWS])
-    return Outlook(posterior.names, seen, spread, collinearity(spread))
-
-
 def analyse(
     posterior: Whole,
     prior: FloatArray,
@@ -134,11 +113,12 @@ def analyse(
     seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
     tied = clock("coupling", lambda: coupling(posterior, prior, draws, coupled))
     informed = clock("information", lambda: information(posterior, prior, draws, informing))
-    own = _own(posterior, draws, informed)
-    figures = [own, _ties(posterior, draws, own, tied), _elsewhere(posterior, prior, seen, spread, profiled)]
+    laws = posterior.prior.laws.values()
+    ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
+    basis = identifiability(posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined), logs)
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, tied, informed,
-        _verdicts(pd.concat(figures, axis=1), posterior.names), _combinations(informed, seen),
+        _verdicts(basis.table, informed, _elsewhere(prior, spread, profiled)), _combinations(informed, seen),
         _counts(informed), clock.seconds,
     )  # fmt: skip
 
@@ -158,58 +138,23 @@ class _Clock:
         return result
 
 
-def _verdicts(figures: pd.DataFrame, names: Sequence[str]) -> pd.DataFrame:
-    """One row per parameter; see :class:`Analysis`."""
-    facts = evidence(figures)
+def _verdicts(table: pd.DataFrame, informed: Information, elsewhere: pd.DataFrame) -> pd.DataFrame:
+    """Verdicts from draws alone, judged anew with what profiles and bounds say; see :class:`Analysis`."""
+    table = table.assign(cut_contraction=informed.parameters["cut_contraction"]).join(elsewhere)
+    facts = evidence(table)
     words = [word(each) for each in facts]
     against = ["; ".join(disagreements(*each)) for each in zip(facts, words, strict=True)]
-    head = pd.DataFrame({"parameter": list(names), "verdict": words})
-    return pd.concat([head, figures], axis=1).assign(against=against)
+    return table.assign(verdict=words, against=against)
 
 
-def _own(posterior: Whole, draws: FloatArray, informed: Information) -> pd.DataFrame:
-    """Figures of each parameter's draws (n, d) by themselves."""
-    ends = np.array([law.range for law in posterior.prior.laws.values()])
-    scaled, low, high = (own_scale(x, _logs(posterior)) for x in (draws, *ends.T))
-    leaning = [bound(*each) for each in zip(scaled.T, low, high, strict=True)]
-    return informed.parameters[["contraction", "shift", "divergence", "cut_contraction"]].assign(bound=leaning)
-
-
-def _logs(posterior: Whole) -> BoolArray:
-    """Parameters whose laws live on a logarithmic scale (d,)."""
-    return np.array([law.logarithmic for law in posterior.prior.laws.values()])
-
-
-def _ties(posterior: Whole, draws: FloatArray, own: pd.DataFrame, coupled: Coupling) -> pd.DataFrame:
-    """Ties between the parameters."""
-    names = posterior.names
-    plain = np.atleast_2d(np.corrcoef(own_scale(draws, _logs(posterior)).T))
-    others = plain - np.eye(len(plain))
-    partners = np.abs(others).argmax(axis=1)
-    contraction, bounds = own["contraction"].to_numpy(), own["bound"].tolist()
-    strengths = ties(contraction, bounds, Correlated(plain, coupled.copula, coupled.prior_copula))
-    table = pd.DataFrame(
-        {"partner": [names[i] for i in partners], "tied_to": [names[i] for i in tied_to(contraction, bounds, plain)]}
-    )
-    return table.assign(correlation=others[np.arange(len(plain)), partners], **strengths)
-
-
-def _elsewhere(
-    posterior: Whole, prior: FloatArray, seen: Structure, spread: LocalAnalysis, profiled: Profiles
-) -> pd.DataFrame:
-    """Findings of structure, profiles and bounds; ``prior`` has draws (m, d) of the cut one."""
-    each, local = profiled.found.get("likelihood"), spread.table
-    told = [("", np.nan, np.nan, np.nan)] * len(posterior.names)
+def _elsewhere(prior: FloatArray, spread: LocalAnalysis, profiled: Profiles) -> pd.DataFrame:
+    """Findings of profiles and bounds; ``prior`` has draws (m, d) of the cut one."""
+    each = profiled.found.get("likelihood")
+    told = [("", np.nan, np.nan, np.nan)] * len(spread.names)
     if each is not None:
         told = [(p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, prior.T, strict=True)]
-    names = ("profile", "lower_95", "upper_95", "excluded")
-    return pd.DataFrame(
-        {
-            "structural": [name in seen.determined for name in posterior.names],
-            **dict(zip(names, zip(*told, strict=True), strict=True)),
-            **{name: local[name] for name in ("expected", "prior_sd", "local_sd", "posterior_sd")},
-        }
-    )
+    table = pd.DataFrame(told, columns=["profile", "lower_95", "upper_95", "excluded"])
+    return table.assign(expected=spread.table["expected"], local_sd=spread.table["local_sd"])
 
 
 def _combinations(informed: Information, seen: Structure) -> pd.DataFrame:

@@ -238,16 +238,13 @@ def _between(coupling: Coupling) -> Table:
 def information_section(information: Information) -> Blocks:
     """Section on what the data contract, of parameters and of directions of the groups."""
     bars = drawing(contraction_bars(information), "Contraction of every parameter by the data and by the cut")
-    elsewhere = ("determined_plain", "determined_sampling")
-    counts = records(information.counts)
-    rows = tuple((*count_row(row), *(str(row[name]) for name in elsewhere)) for row in counts)
-    header = ("group", "others", "determined", "effective", "by the cut", "plain", "sampling")
-    extra = Markup(" Last columns: determined in plain parameters and in sampling coordinates.")
+    rows = tuple(map(count_row, records(information.counts)))
+    header = ("group", "others", "determined", "effective", "by the cut")
     caption = (
         "What the data contract of the prior after the physical cut, and what the cut had contracted before: "
         "the latter is no information in the data."
     )
-    table = Table(GROUPS + extra, "llrrrrr", header, rows)
+    table = Table(GROUPS, "llrrr", header, rows)
     return (table, Gallery("half", (bars,), caption))
 
 

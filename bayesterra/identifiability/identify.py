@@ -11,9 +11,12 @@ import numpy as np
 import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError, check_kind, check_seed
-from bayesterra.identifiability.analysis import Analysis, Outlook, analyse, in_a_sentence, outlook
+from bayesterra.identifiability.analysis import LOCAL_DRAWS, Analysis, analyse, in_a_sentence
+from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
+from bayesterra.identifiability.structure import DRAWS as STRUCTURE_DRAWS
+from bayesterra.identifiability.structure import Structure, structure
 from bayesterra.likelihood.joint import whole_posterior
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.blocks import records
@@ -98,11 +101,18 @@ class Identified(AnalysisResult):
 
 @dataclass(frozen=True)
 class Foreseen:
-    """Expectations from a design before its readings; see :class:`Identified`."""
+    """Expectations from a design before its readings, over the cut prior; see :class:`Analysis`."""
 
     study: Study
-    found: Outlook
+    structure: Structure
+    spread: LocalAnalysis
+    collinearity: Collinearity
     record: dict[str, Any]
+
+    @property
+    def contraction(self) -> FloatArray:
+        """Contraction (d,) to expect of each parameter, from the information averaged over the cut prior."""
+        return np.asarray(np.clip(self.spread.table["expected"], 0.0, 1.0))
 
 
 Report = Callable[[str], None]
@@ -145,7 +155,8 @@ def foresee(study: Study, *, seed: int = 1) -> Foreseen:
     if not target.names:
         raise StudyError("every parameter is fixed: there is nothing to determine")
     prior = target.cut_prior(PRIOR_DRAWS, default_rng(SeedSequence(seed)))
-    return Foreseen(study, outlook(target, prior), _record(study, seed, {}, {"draws_from": "the prior"}))
+    spread, seen = local_analysis(target, spaced(prior, LOCAL_DRAWS), prior), structure(target, prior[:STRUCTURE_DRAWS])
+    return Foreseen(study, seen, spread, collinearity(spread), _record(study, seed, {}, {"draws_from": "the prior"}))
 
 
 def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str, Any]) -> dict[str, Any]:
@@ -183,11 +194,6 @@ def _points(analysis: Analysis) -> pd.DataFrame:
             frames.append(pd.DataFrame({**head, **values, **path}))
     none = pd.DataFrame(columns=["kind", "profile", "unit", "value", "rise"])
     return pd.concat(frames, ignore_index=True) if frames else none
-
-
-def expected_contraction(made: Foreseen) -> FloatArray:
-    """Contraction (d,) to expect of each parameter, from the information averaged over the cut prior."""
-    return np.asarray(np.clip(made.found.spread.table["expected"], 0.0, 1.0))
 
 
 def identify(

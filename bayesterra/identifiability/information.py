@@ -2,9 +2,7 @@
 
 Directions are combinations of the parameters' normal scores under the cut prior. Scores do not change with
 the scale that a parameter is stated in (K_s or log K_s), so neither does the number of determined directions;
-a ridge that bends, as of K_s against n0, is straighter in them than it can be in one chosen scale. The counts
-in plain parameters and in the sampling coordinates, which straighten the ridges within each group, stand
-beside it: where they differ, the number hangs on how the parameters are written.
+a ridge that bends, as of K_s against n0, is straighter in them than it can be in one chosen scale.
 
 A group is seen in two ways. ``marginal``: its own block of both covariances, all other parameters unknown, as
 the posterior has it. ``others known``: both covariances given all parameters outside the group (as for normal
@@ -65,9 +63,8 @@ class Information:
         rank (1 is known best), combination (in words, weights in prior sds), contraction, error, divergence
         and divergence_error (NaN where others are known).
     counts : one row per scope and view: directions (how many there are), determined (contraction of
-        ``DETERMINED`` or more), effective (sum of contractions, each between 0 and 1), determined_plain and
-        determined_sampling (in other coordinates), cut_determined and cut_effective (what the physical cut
-        alone does to the stated prior).
+        ``DETERMINED`` or more), effective (sum of contractions, each between 0 and 1), cut_determined and
+        cut_effective (what the physical cut alone does to the stated prior).
     weights : weights (d, d) of the parameters' scores in the directions of the scope ``all``, columns.
     """
 
@@ -81,20 +78,15 @@ def information(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Gen
     """Compare posterior draws (n, d), nearly independent, with draws (m, d) of the cut prior."""
     names, draws = posterior.names, spaced(draws, DRAWS)
     stated = posterior.prior.sample(STATED, rng)
-    inner = within_groups(posterior).from_physical
-    spaces = {
-        "": Compared.scores(prior, draws),
-        "_plain": Compared(prior / prior.std(axis=0), draws / prior.std(axis=0)),
-        "_sampling": Compared.scores(inner(prior), inner(draws)),
-    }
+    data, cut = Compared.scores(prior, draws), Compared.scores(stated, prior)
     scopes = list(_scopes(names))
     logs = np.array([law.logarithmic for law in posterior.prior.laws.values()])
     own = [own_scale(x, logs) for x in (stated, prior, draws)]
     return Information(
         parameters=_parameters(names, Compared(own[1], own[2]), Compared(own[0], own[1])),
-        directions=pd.concat([_directions(names, spaces[""], *scope) for scope in scopes], ignore_index=True),
-        counts=pd.DataFrame([_count(spaces, Compared.scores(stated, prior), *scope) for scope in scopes]),
-        weights=spaces[""].directions(range(len(names)), MARGINAL)[1],
+        directions=pd.concat([_directions(names, data, *scope) for scope in scopes], ignore_index=True),
+        counts=pd.DataFrame([_count(data, cut, *scope) for scope in scopes]),
+        weights=data.directions(range(len(names)), MARGINAL)[1],
     )
 
 
@@ -180,17 +172,14 @@ def _directions(names: Sequence[str], data: Compared, scope: str, columns: Seque
     )
 
 
-def _count(
-    spaces: dict[str, Compared], cut: Compared, scope: str, columns: Sequence[int], view: str
-) -> dict[str, object]:
-    contractions = {key: space.directions(columns, view)[0] for key, space in spaces.items()}
-    by_cut = cut.directions(columns, view)[0]
+def _count(data: Compared, cut: Compared, scope: str, columns: Sequence[int], view: str) -> dict[str, object]:
+    contractions, by_cut = (compared.directions(columns, view)[0] for compared in (data, cut))
     return {
         "scope": scope,
         "view": view,
         "directions": len(columns),
-        "effective": effective(contractions[""]),
-        **{f"determined{key}": int((values >= DETERMINED).sum()) for key, values in contractions.items()},
+        "effective": effective(contractions),
+        "determined": int((contractions >= DETERMINED).sum()),
         "cut_effective": effective(by_cut),
         "cut_determined": int((by_cut >= DETERMINED).sum()),
     }

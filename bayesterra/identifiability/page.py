@@ -18,7 +18,7 @@ from bayesterra.identifiability.evidence_page import (
     local_section,
     method_section,
 )
-from bayesterra.identifiability.identify import Foreseen, Identified, expected_contraction
+from bayesterra.identifiability.identify import Foreseen, Identified
 from bayesterra.identifiability.information import ALL
 from bayesterra.identifiability.profiles import LEVELS, NO_PROFILES, Profile, Profiles
 from bayesterra.identifiability.verdicts import COUPLED_TO_ALL, DETERMINED, EXCLUDED, MOVED, SHIFT, WEAK, WORDS
@@ -364,12 +364,11 @@ def _share(contraction: float) -> str:
 
 def foreseen_overview(made: Foreseen) -> Overview:
     """What a design could determine, and what contraction to expect."""
-    seen, names = made.found.structure.determined, made.found.names
     rows = []
-    for name, expected in zip(names, expected_contraction(made), strict=True):
-        word = "determine it" if name in seen else "NOT determine it"
+    for name, expected in zip(made.spread.names, made.contraction, strict=True):
+        word = "determine it" if name in made.structure.determined else "NOT determine it"
         rows.append((PARAMETERS[name].symbol, word, _share(expected)))
-    lines = [f"{null.words[:1].upper()}{null.words[1:]}." for null in made.found.structure.nulls]
+    lines = [f"{null.words[:1].upper()}{null.words[1:]}." for null in made.structure.nulls]
     lines.append("Expected over the prior after the physical cut, were the readings made.")
     header = ("", "the design could", "contraction to expect")
     return (Table(made.study.title, "llr", header, tuple(rows)), *map(Text, lines))

@@ -129,9 +129,9 @@ def test_a_design_is_judged_without_its_readings() -> None:
         prior_only=True, noise=dict(study.noise), priors=dict(study.prior.entries),
     )  # fmt: skip
     measured, planned = foresee(study), foresee(empty)
-    pd.testing.assert_frame_equal(measured.found.structure.table, planned.found.structure.table)
-    pd.testing.assert_frame_equal(measured.found.spread.table, planned.found.spread.table)
-    assert planned.found.structure.determined == ("Ks",)
+    pd.testing.assert_frame_equal(measured.structure.table, planned.structure.table)
+    pd.testing.assert_frame_equal(measured.spread.table, planned.spread.table)
+    assert planned.structure.determined == ("Ks",)
 
 
 def test_every_length_of_the_verdicts_is_in_the_unit_of_its_row(moduli: Identified) -> None:

@@ -161,7 +161,7 @@ def test_impossible_sets_have_a_reason(make: MakeStudy) -> None:
 
 def test_a_design_is_foreseen(make: MakeStudy) -> None:
     """Before its readings, by draws of the joint prior."""
-    expected = foresee(make()).found.spread.table.set_index("parameter")["expected"]
+    expected = foresee(make()).spread.table.set_index("parameter")["expected"]
     assert expected["K[Wh11]"] > 0.6
     assert expected["K.spread"] < 0.1
 
