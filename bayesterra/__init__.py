@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from bayesterra.errors import SupportError as SupportError
     from bayesterra.follow.stream import Stream as Stream
     from bayesterra.follow.stream import load_stream as load_stream
-    from bayesterra.identifiability.identify import Identified as Identified
-    from bayesterra.identifiability.identify import foresee as foresee
-    from bayesterra.identifiability.identify import identify as identify
+    from bayesterra.identifiability.analysis import Identified as Identified
+    from bayesterra.identifiability.analysis import foresee as foresee
+    from bayesterra.identifiability.analysis import identify as identify
     from bayesterra.least_squares.fit import fit as fit
     from bayesterra.least_squares.results import Fit as Fit
     from bayesterra.likelihood.posterior import Posterior as Posterior
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from bayesterra.prediction.prediction import predict as predict
     from bayesterra.prediction.rover import Rover as Rover
     from bayesterra.runtime.checkpoints import read_tasks as read_tasks
-    from bayesterra.runtime.dask import dask_cluster as dask_cluster
     from bayesterra.runtime.engines import Engine as Engine
+    from bayesterra.runtime.engines import dask_cluster as dask_cluster
     from bayesterra.runtime.engines import in_process as in_process
     from bayesterra.runtime.engines import local_pool as local_pool
     from bayesterra.soiltests.analysis import soil_test as soil_test
@@ -70,7 +70,7 @@ _HOMES = {
     "design.recommendation": ("recommend",),
     "errors": ("BayesterraError", "EngineError", "ResultError", "StudyError", "SupportError"),
     "follow.stream": ("load_stream", "Stream"),
-    "identifiability.identify": ("foresee", "identify", "Identified"),
+    "identifiability.analysis": ("foresee", "identify", "Identified"),
     "least_squares.fit": ("fit",),
     "least_squares.results": ("Fit",),
     "likelihood.posterior": ("Posterior", "posterior"),
@@ -78,8 +78,7 @@ _HOMES = {
     "prediction.outlook": ("predict_rover",),
     "prediction.prediction": ("predict",),
     "prediction.rover": ("Rover",),
-    "runtime.dask": ("dask_cluster",),
-    "runtime.engines": ("Engine", "in_process", "local_pool"),
+    "runtime.engines": ("dask_cluster", "Engine", "in_process", "local_pool"),
     "runtime.checkpoints": ("read_tasks",),
     "soiltests.analysis": ("soil_test",),
     "soiltests.study": ("load_soil_test",),

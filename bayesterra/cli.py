@@ -322,13 +322,13 @@ def identify(
         if out is not None:
             raise typer.BadParameter("--prior-only prints and writes nothing", param_hint="--out")
         loaded = load_study(what, prior_only=True)
-        from bayesterra.identifiability.identify import foresee
+        from bayesterra.identifiability.analysis import foresee
         from bayesterra.identifiability.page import foreseen_overview
         from bayesterra.report import terminal
 
         return terminal.show(foreseen_overview(foresee(loaded, seed=seed)))
     from bayesterra.analysis.run import opened
-    from bayesterra.identifiability.identify import identify_into
+    from bayesterra.identifiability.analysis import identify_into
     from bayesterra.runtime.engines import chosen
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))

@@ -26,11 +26,11 @@ ONLY_IN = {
     "h5netcdf": {"runtime/netcdf.py"},
     "h5py": {"runtime/netcdf.py"},
     "pint": {"study/units.py"},
-    "distributed": {"runtime/dask.py"},
-    "dask": {"runtime/dask.py"},
-    "cloudpickle": {"runtime/dask.py"},
+    "distributed": {"runtime/engines.py"},
+    "dask": {"runtime/engines.py"},
+    "cloudpickle": {"runtime/engines.py"},
     "jinja2": {"report/sections.py"},
-    "dynesty": {"sampling/nested.py"},
+    "dynesty": {"sampling/evidence.py"},
     "typer": {"cli.py", "__main__.py"},
 }
 """Outside libraries that one part of the package only may import."""

@@ -12,9 +12,9 @@ from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
 from bayesterra.least_squares.results import CONDITIONAL
 from bayesterra.parameters import PARAMETERS
-from bayesterra.report.failures import failed
 from bayesterra.report.numbers import given, interval, number, share, signed
 from bayesterra.report.symbols import amount, angles, in_symbols, listed, symbol, symbols
+from bayesterra.report.verdicts import failed
 from bayesterra.study.page import StripRow, axis, strip_row
 from bayesterra.study.result import COUPLED, Result, identifiability_rows, summary_rows
 

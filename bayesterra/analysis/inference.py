@@ -35,12 +35,21 @@ from bayesterra.least_squares.results import CONDITIONAL, Fit, PointEstimate, lo
 from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
 from bayesterra.parameters import DERIVED, PARAMETERS, PRIOR_PARAMETERS, Parameter
-from bayesterra.report.failures import Failures, with_failures
+from bayesterra.report.verdicts import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
-from bayesterra.sampling import importance, sampler
-from bayesterra.sampling.importance import Evidence, PosteriorProposal, Redrawn, ensembles_evidence, redrawn
-from bayesterra.sampling.nested import Weighted, against_nested, check_installed
+from bayesterra.sampling import sampler
+from bayesterra.sampling.evidence import (
+    Evidence,
+    PosteriorProposal,
+    Redrawn,
+    Weighted,
+    against_nested,
+    check_installed,
+    ensembles_evidence,
+    of_evidence,
+    redrawn,
+)
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
 from bayesterra.stats.diagnostics import hdi
@@ -166,7 +175,7 @@ class Analysis:
         findings = {
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
             "sampling": sampler.of_samples(self.samples, self.kept.every),
-            **({"evidence": importance.of_evidence(self.evidence, self.prior)} if self.evidence else {}),
+            **({"evidence": of_evidence(self.evidence, self.prior)} if self.evidence else {}),
             "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
             "mode": self._modes(),
             "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},

@@ -19,7 +19,6 @@ from bayesterra.likelihood.forward import reference_load
 from bayesterra.models.traction import SLIP_GRID
 from bayesterra.parameters import CHANNELS, DERIVED, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing, photograph
-from bayesterra.report.failures import failed
 from bayesterra.report.numbers import (
     NOTHING,
     estimate,
@@ -32,6 +31,7 @@ from bayesterra.report.numbers import (
     with_error,
 )
 from bayesterra.report.symbols import QUANTITIES, amount, angles, listed, symbol, unit, with_unit
+from bayesterra.report.verdicts import failed
 from bayesterra.study.page import crosscheck
 from bayesterra.study.result import Result, summary_rows
 

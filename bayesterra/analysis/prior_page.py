@@ -16,13 +16,12 @@ from bayesterra.likelihood.page import conditions, prior_sources, slip_note, sta
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.failures import failed
 from bayesterra.report.figures import INK, PRIOR, fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
 from bayesterra.report.sections import Draft, Section, VerdictPage, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
-from bayesterra.report.verdicts import Verdict
+from bayesterra.report.verdicts import Verdict, failed
 
 FAIR, POOR = 0.5, 0.05
 """Shares of the stated prior that physics leaves, below which the cut shapes the prior, and rules it."""

@@ -24,8 +24,7 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
 from bayesterra.pooling.run import PooledResult
-from bayesterra.report.failures import failed
-from bayesterra.report.verdicts import Verdict, quotable, sampling_verdict, unknown_verdict
+from bayesterra.report.verdicts import Verdict, failed, quotable, sampling_verdict, unknown_verdict
 from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
 from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import Count, Number, read_csv

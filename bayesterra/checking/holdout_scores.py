@@ -26,8 +26,8 @@ from scipy.optimize import brentq, minimize
 from scipy.special import ndtr
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.stats.mixture import log_mean
 from bayesterra.stats.tails import GAUSSIAN, StudentT, Tails
-from bayesterra.stats.weights import log_mean
 
 PARTS = ("all", "inner", "end")
 """All rows; those at slips between the training rows' (interpolated); those beyond (extrapolated)."""

@@ -22,9 +22,8 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.sampling.importance import Pair, PosteriorProposal, refined
-from bayesterra.stats.mixture import ProposalLaw
-from bayesterra.stats.weights import log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
+from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
+from bayesterra.stats.mixture import ProposalLaw, log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""

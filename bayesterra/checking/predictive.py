@@ -27,9 +27,8 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS
-from bayesterra.sampling.importance import PosteriorProposal, Proposed
-from bayesterra.stats.mixture import ProposalLaw
-from bayesterra.stats.weights import effective_number, normalised, systematic
+from bayesterra.sampling.evidence import PosteriorProposal, Proposed
+from bayesterra.stats.mixture import ProposalLaw, effective_number, normalised, systematic
 from bayesterra.study.study import Study
 
 GRID = 41

@@ -31,9 +31,8 @@ from bayesterra.least_squares.results import CONDITIONAL, ESTIMATES, METHODS
 from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, SIZES, soil_array
-from bayesterra.report.failures import Failures
 from bayesterra.report.numbers import probability, share
-from bayesterra.report.verdicts import Verdict, unknown_verdict
+from bayesterra.report.verdicts import Failures, Verdict, unknown_verdict
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 

@@ -24,13 +24,13 @@ from bayesterra.checking.validation import Missed, Stretch, Validation, fit_verd
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
-from bayesterra.report.failures import failed
 from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, fan, label, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, probability, resolution, rounded
 from bayesterra.report.sections import Section
 from bayesterra.report.symbols import amount, listed, symbol, symbols, unit
+from bayesterra.report.verdicts import failed
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
-from bayesterra.stats.weights import pareto_limit
+from bayesterra.stats.mixture import pareto_limit
 from bayesterra.study.result import Result
 
 PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest reading"}

@@ -33,7 +33,7 @@ from scipy.special import logsumexp
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.follow.particles import Particles
-from bayesterra.follow.updates import Alarm
+from bayesterra.follow.rows import Alarm
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import OFFSET, SIZES

@@ -12,8 +12,8 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
 from bayesterra.arrays import FloatArray
+from bayesterra.follow.rows import BAND_NAMES, column_of
 from bayesterra.follow.session import FollowedStream, RowOutcome
-from bayesterra.follow.updates import BAND_NAMES, column_of
 from bayesterra.parameters import CHANNELS, PARAMETERS, Parameter, whole_and_part
 from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, label, new_figure, styled

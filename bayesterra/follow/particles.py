@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.random import Generator
@@ -11,15 +12,17 @@ from scipy.special import logsumexp
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError
-from bayesterra.follow.rows import Rows
 from bayesterra.likelihood.joint import Whole, whole_posterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.stats.mixture import effective_number, largest_power, relative, systematic, weighted_quantiles
 from bayesterra.stats.transport import Proposal, fit_proposal
-from bayesterra.stats.weights import effective_number, largest_power, relative, systematic, weighted_quantiles
 from bayesterra.study.observations import Observations
 from bayesterra.study.study import Study
+
+if TYPE_CHECKING:
+    from bayesterra.follow.rows import Rows
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ from typing import Any, TextIO
 import pandas as pd
 
 from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
-from bayesterra.follow.rows import read_row
+from bayesterra.follow.rows import Alarm, Update, cells, read_row
 from bayesterra.follow.stream import STATE, Stream, load_stream
-from bayesterra.follow.updates import Alarm, Update, cells
 from bayesterra.runtime.folders import check_free, write_text
 from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells

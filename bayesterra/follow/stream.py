@@ -27,8 +27,7 @@ from bayesterra.follow.particles import (
     values_of,
     whole_of,
 )
-from bayesterra.follow.rows import Rows, read_row, table_of
-from bayesterra.follow.updates import BAND, Alarm, Update, forecast, summary_of
+from bayesterra.follow.rows import BAND, Alarm, Rows, Update, forecast, read_row, summary_of, table_of
 from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
 from bayesterra.runtime.checkpoints import Checkpoints, Identity, digest, pack, unpack

@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
 from bayesterra.arrays import IntArray
-from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis
-from bayesterra.identifiability.identify import Identified
+from bayesterra.identifiability.analysis import GROUP_WORDS, Analysis, Identified
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information
 from bayesterra.identifiability.local import CRITICAL, LocalAnalysis
 from bayesterra.identifiability.verdicts import COUPLED_TO_ALL, DETERMINED, MOVED, SHIFT, WEAK, identifiability

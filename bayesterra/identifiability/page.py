@@ -12,13 +12,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
+from bayesterra.identifiability.analysis import Foreseen, Identified
 from bayesterra.identifiability.evidence_page import (
     coupling_section,
     information_section,
     local_section,
     method_section,
 )
-from bayesterra.identifiability.identify import Foreseen, Identified
 from bayesterra.identifiability.information import ALL
 from bayesterra.identifiability.profiles import LEVELS, NO_PROFILES, Profile, Profiles
 from bayesterra.identifiability.verdicts import COUPLED_TO_ALL, DETERMINED, EXCLUDED, MOVED, SHIFT, WEAK, WORDS

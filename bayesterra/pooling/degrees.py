@@ -32,14 +32,23 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import JointPosterior
-from bayesterra.pooling.evidence import PriorShares, Weighed, joint_shares, plain_shares, weigh_joint, weigh_plain
-from bayesterra.pooling.inner import Draws, OuterLaws, outer_laws
+from bayesterra.pooling.evidence import (
+    Draws,
+    OuterLaws,
+    PriorShares,
+    Weighed,
+    joint_shares,
+    outer_laws,
+    plain_shares,
+    weigh_joint,
+    weigh_plain,
+)
+from bayesterra.sampling.evidence import Evidence, summed
 from bayesterra.sampling.family import JointFamily
-from bayesterra.sampling.importance import Evidence, summed
 from bayesterra.sampling.joint import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
 from bayesterra.sampling.moves import PooledEnsemble, Walkers
 from bayesterra.sampling.sampler import Samples
-from bayesterra.stats.weights import log_mean
+from bayesterra.stats.mixture import log_mean
 from bayesterra.study.groups import Population
 
 WALKERS, STARTS = 128, 2048

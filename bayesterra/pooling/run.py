@@ -32,13 +32,13 @@ from bayesterra.pooling.degrees import (
     preferred,
 )
 from bayesterra.pooling.evidence import row_terms
-from bayesterra.report.failures import Failures, with_failures
+from bayesterra.report.verdicts import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
+from bayesterra.sampling.evidence import Weighted, against_nested, check_installed
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
-from bayesterra.sampling.nested import Weighted, against_nested, check_installed
 from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import array_diagnosis, parameter_rows, summary_row
 from bayesterra.stats.diagnostics import hdi

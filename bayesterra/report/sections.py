@@ -10,9 +10,8 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.blocks import Blocks, Cell, Text
-from bayesterra.report.failures import REPORT, Failures, failed, sentences, with_failures
 from bayesterra.report.symbols import angles, in_symbols
-from bayesterra.report.verdicts import Verdict, unknown_verdict
+from bayesterra.report.verdicts import REPORT, Failures, Verdict, failed, sentences, unknown_verdict, with_failures
 
 R = TypeVar("R", bound="Recorded")
 

@@ -17,8 +17,7 @@ from rich.text import Text as RichText
 
 from bayesterra.errors import printable
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.failures import sentences
-from bayesterra.report.verdicts import UNSEEN
+from bayesterra.report.verdicts import UNSEEN, sentences
 
 
 class PlainConsole(Console):

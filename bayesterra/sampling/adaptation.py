@@ -18,9 +18,16 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.mixture import StudentMixture, root
+from bayesterra.stats.mixture import (
+    StudentMixture,
+    effective_number,
+    largest_power,
+    log_mean,
+    relative,
+    root,
+    systematic,
+)
 from bayesterra.stats.transport import Proposal, fit_proposal
-from bayesterra.stats.weights import effective_number, largest_power, log_mean, relative, systematic
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""

@@ -14,7 +14,7 @@ from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.target import Target, chart, edges
 from bayesterra.parameters import DERIVED, PARAMETERS, SIZES, Parameter
-from bayesterra.report.failures import Failures
+from bayesterra.report.verdicts import Failures
 from bayesterra.stats.diagnostics import Diagnosis, array_ess, array_r_hat, hdi, monte_carlo_error
 from bayesterra.stats.optimiser import descend
 from bayesterra.study.study import Study

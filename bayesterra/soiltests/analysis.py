@@ -20,13 +20,13 @@ from bayesterra.errors import StudyError, check_kind, check_seed
 from bayesterra.identifiability.verdicts import STRUCTURAL, Identifiability, identifiability, undetermined
 from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior
 from bayesterra.parameters import Parameter
-from bayesterra.report.failures import Failures, with_failures
+from bayesterra.report.verdicts import Failures, with_failures
 from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.status import job_folder
-from bayesterra.sampling import importance, sampler
+from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.importance import ensembles_evidence
+from bayesterra.sampling.evidence import ensembles_evidence, of_evidence
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, progress_bar, sample, thin
 from bayesterra.sampling.summary import parameter_rows, summary_row
 from bayesterra.soiltests.checks import PLAN, Fitted, LeftOut, fit, leave_out, none_left_out
@@ -123,7 +123,7 @@ def analyse(
 
     def integral() -> dict[str, Any]:
         estimate = ensembles_evidence(target.densities, samples.adaptations, default_rng(weighing))
-        return {"evidence": importance.of_evidence(estimate, prior)}
+        return {"evidence": of_evidence(estimate, prior)}
 
     weighed = failures.attempt("evidence", integral, dict[str, Any])
     fitted = failures.attempt("fits", lambda: fit(test.readings), lambda: Fitted({}, ()))

@@ -32,7 +32,7 @@ from bayesterra.sampling.sampler import Target, sample
 from bayesterra.soiltests.posterior import TestPosterior, coordinates, covariance, marginal_sd
 from bayesterra.soiltests.schema import COLUMNS, KINDS, LEVELS, QUANTITIES
 from bayesterra.soiltests.study import Readings
-from bayesterra.stats.weights import pareto_limit, pareto_smoothed, weighted_log_mean
+from bayesterra.stats.mixture import pareto_limit, pareto_smoothed, weighted_log_mean
 from bayesterra.study.schema import SamplingOptions
 
 METHODS = {"regression": "lines through each plate or curve", "nonlinear": "one fit to all readings"}

@@ -18,7 +18,6 @@ from bayesterra.checking.validation_page import misfit_text, misfit_warning
 from bayesterra.identifiability.verdicts import STRUCTURAL
 from bayesterra.parameters import MODULI
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, photograph, records
-from bayesterra.report.failures import failed
 from bayesterra.report.figures import (
     DATA,
     GRID,
@@ -38,7 +37,7 @@ from bayesterra.report.numbers import estimate, plain, probability, resolution, 
 from bayesterra.report.sections import Draft, VerdictPage, in_a_line, origin_rows
 from bayesterra.report.symbols import in_symbols, letters
 from bayesterra.report.terminal import failure_lines
-from bayesterra.report.verdicts import Verdict, sampling_verdict, unknown_verdict
+from bayesterra.report.verdicts import Verdict, failed, sampling_verdict, unknown_verdict
 from bayesterra.soiltests.analysis import SoilTestResult
 from bayesterra.soiltests.checks import ALARM, METHODS
 from bayesterra.soiltests.schema import LEVELS, QUANTITIES

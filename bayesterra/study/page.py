@@ -12,10 +12,10 @@ from markupsafe import Markup
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.report.blocks import Text
-from bayesterra.report.failures import failed
 from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
 from bayesterra.report.symbols import amount, angles, letters, listed, raised
+from bayesterra.report.verdicts import failed
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import DrawnResult, Result, SummaryRow

@@ -22,8 +22,7 @@ from typing_extensions import TypedDict
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter, field_values
-from bayesterra.report.failures import Failures, with_failures
-from bayesterra.report.verdicts import Verdict, sampling_verdict
+from bayesterra.report.verdicts import Failures, Verdict, sampling_verdict, with_failures
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
 from bayesterra.runtime.netcdf import DRAWS, write_tree

@@ -25,7 +25,7 @@ from bayesterra.models import M1
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
-from bayesterra.stats.weights import effective_number, normalised, systematic
+from bayesterra.stats.mixture import effective_number, normalised, systematic
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))

@@ -27,8 +27,7 @@ def main(store: str, scheduler: str = "") -> None:
     import light
 
     from bayesterra.runtime.checkpoints import Checkpoints
-    from bayesterra.runtime.dask import dask_cluster
-    from bayesterra.runtime.engines import completed, local_pool
+    from bayesterra.runtime.engines import completed, dask_cluster, local_pool
 
     engine = dask_cluster(scheduler) if scheduler else local_pool(2)
     tasks = Checkpoints.opened(Path(store), {"tasks": TASKS}, "tasks")

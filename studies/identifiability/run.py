@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 import bayesterra as bt
-from bayesterra.identifiability.identify import Identified, identify
+from bayesterra.identifiability.analysis import Identified, identify
 from bayesterra.identifiability.verdicts import DETERMINED
 from bayesterra.parameters import PARAMETERS
 from bayesterra.stats.laws import Law

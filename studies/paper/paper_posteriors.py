@@ -17,7 +17,7 @@ from bayesterra.checking.loo import CrossValidation, leave_one_out
 from bayesterra.least_squares.results import locate
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.importance import Evidence, evidence
+from bayesterra.sampling.evidence import Evidence, evidence
 from bayesterra.sampling.sampler import Target, sample, thin
 from bayesterra.sampling.summary import find_mode
 from bayesterra.study.schema import SamplingOptions

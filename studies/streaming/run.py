@@ -29,9 +29,9 @@ from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.figures import new_figure, styled, white_png
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.sampling.importance import evidence
+from bayesterra.sampling.evidence import evidence
 from bayesterra.sampling.sampler import Samples, Target, sample, thin
-from bayesterra.stats.weights import weighted_quantiles
+from bayesterra.stats.mixture import weighted_quantiles
 from bayesterra.study.observations import Observations
 
 HERE = Path(__file__).parent

@@ -41,8 +41,8 @@ from bayesterra.sampling.joint import sample_whole
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Target, thin
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture import effective_number, normalised, pareto_limit, pareto_smoothed, systematic
 from bayesterra.stats.transport import fit_proposal
-from bayesterra.stats.weights import effective_number, normalised, pareto_limit, pareto_smoothed, systematic
 from bayesterra.study.study import Study
 
 POWERS = (1, 2, 4, 8, 16, 32, 64)

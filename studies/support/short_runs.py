@@ -14,7 +14,7 @@ from bayesterra.analysis import inference
 from bayesterra.analysis import page as analysis_pages
 from bayesterra.analysis.result import RunRecord
 from bayesterra.likelihood.posterior import draw_cut_prior
-from bayesterra.report.failures import Failures
+from bayesterra.report.verdicts import Failures
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 

@@ -12,7 +12,7 @@ from bayesterra.analysis import contents_page
 from bayesterra.analysis.comparison import Comparison, Evidence, load_results, log_evidence, outcomes_of
 from bayesterra.errors import ResultError
 from bayesterra.prediction.prediction import PREDICTED
-from bayesterra.sampling.importance import SPREAD
+from bayesterra.sampling.evidence import SPREAD
 from bayesterra.study.result import Result
 
 pytestmark = pytest.mark.usefixtures("little_adaptation")

@@ -17,7 +17,7 @@ from bayesterra.checking.loo import Level, Without, cross_validate
 from bayesterra.checking.validation import prediction_verdict
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
-from bayesterra.stats.weights import normalised, systematic
+from bayesterra.stats.mixture import normalised, systematic
 from bayesterra.study.study import Study
 from tests.support.two_wheels import TABLE, made
 

@@ -14,7 +14,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, difference, leave_one_out
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
-from bayesterra.stats.weights import normalised, pareto_limit, pareto_smoothed, systematic
+from bayesterra.stats.mixture import normalised, pareto_limit, pareto_smoothed, systematic
 from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]

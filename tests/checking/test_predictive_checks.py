@@ -19,7 +19,7 @@ from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
 from bayesterra.stats.laws import Law
-from bayesterra.stats.weights import normalised, systematic
+from bayesterra.stats.mixture import normalised, systematic
 from bayesterra.study.noise import Noise
 from bayesterra.study.study import Study
 from tests.support.two_wheels import FREE, made

@@ -13,7 +13,7 @@ SOURCES = sorted({*(ROOT / "bayesterra").rglob("*.py")} | {*(ROOT / "models").rg
 
 RUNS_CODE = {"pickle", "_pickle", "dill", "cloudpickle", "joblib", "shelve", "marshal", "yaml", "code"}
 """Modules whose readers build what a file tells them to."""
-IN_TRANSIT = {"bayesterra/runtime/engines.py": {"pickle"}, "bayesterra/runtime/dask.py": {"cloudpickle"}}
+IN_TRANSIT = {"bayesterra/runtime/engines.py": {"pickle", "cloudpickle"}}
 """Tasks on their way to workers that we or the user started; they never stand on a disk."""
 CALLS = {"eval", "exec", "compile", "__import__", "runpy", "system", "popen", "Popen", "import_module"}
 HARMLESS = {

@@ -24,7 +24,7 @@ from bayesterra.checking.calibration import calibrate
 from bayesterra.checking.holdout import leave_out
 from bayesterra.checking.short_runs import Fitted
 from bayesterra.design.recommendation import recommend
-from bayesterra.identifiability.identify import identify
+from bayesterra.identifiability.analysis import identify
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.pooling.run import run_pooled

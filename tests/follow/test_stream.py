@@ -13,13 +13,12 @@ import pandas as pd
 import pytest
 
 import bayesterra as bt
-from bayesterra.follow.rows import Rows
+from bayesterra.follow.rows import Rows, cells
 from bayesterra.follow.stream import State
-from bayesterra.follow.updates import cells
 from bayesterra.likelihood.posterior import likelihood_of
 from bayesterra.parameters import PARAMETERS
 from bayesterra.runtime.checkpoints import digest, pack
-from bayesterra.stats.weights import weighted_quantiles
+from bayesterra.stats.mixture import weighted_quantiles
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import Result
 

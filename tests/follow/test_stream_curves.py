@@ -12,8 +12,8 @@ from scipy.stats import norm
 
 import bayesterra as bt
 from bayesterra.errors import StudyError
+from bayesterra.follow.rows import Update
 from bayesterra.follow.stream import load_stream
-from bayesterra.follow.updates import Update
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.study import Study
 from tests.support.joint_rows import HELD, RIPPLE, joined

@@ -15,7 +15,7 @@ from bayesterra.errors import StudyError
 from bayesterra.follow.session import follow
 from bayesterra.follow.stream import load_stream
 from bayesterra.likelihood.joint import JointPosterior, joint_posterior
-from bayesterra.stats.weights import normalised, weighted_quantiles
+from bayesterra.stats.mixture import normalised, weighted_quantiles
 from bayesterra.study.study import Study
 from tests.support.joint_rows import HELD, joined
 

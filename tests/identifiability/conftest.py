@@ -10,8 +10,7 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.analysis.run import run
-from bayesterra.identifiability.analysis import analyse
-from bayesterra.identifiability.identify import Identified, _record
+from bayesterra.identifiability.analysis import Identified, _record, analyse
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
 from bayesterra.study.result import Result

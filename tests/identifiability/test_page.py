@@ -17,16 +17,16 @@ from bayesterra.analysis.findings_page import strip
 from bayesterra.analysis.inference import Analysis
 from bayesterra.analysis.run import load_result
 from bayesterra.identifiability import evidence_page
-from bayesterra.identifiability.identify import Identified
+from bayesterra.identifiability.analysis import Identified
 from bayesterra.identifiability.page import identifiability_page
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.report.blocks import Table
-from bayesterra.report.failures import Failures
 from bayesterra.report.sections import VerdictPage
+from bayesterra.report.verdicts import Failures
 from bayesterra.study.result import Result, identifiability_rows
 
 from .conftest import VARIANTS
-from .test_identify import shown
+from .test_analysis_identify import shown
 
 VOID = {"meta", "img", "link", "br"}
 

@@ -14,7 +14,7 @@ from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.pooling import degrees
 from bayesterra.pooling.degrees import LEFT_OUT_COLUMNS, Degree, degrees_of
 from bayesterra.pooling.evidence import PriorShares, Weighed
-from bayesterra.sampling.importance import Evidence
+from bayesterra.sampling.evidence import Evidence
 from tests.support.two_wheels import made
 
 

@@ -28,8 +28,8 @@ from bayesterra.pooling.degrees import Level, Sharing
 from bayesterra.pooling.page import group_strip
 from bayesterra.pooling.run import PooledResult, _sharing_table, row_likelihoods, run_pooled
 from bayesterra.report.blocks import Table
-from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
+from bayesterra.report.verdicts import PARTS
 from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.sampling.sampler import ThinnedDraws
 from bayesterra.study.canonical import write_study

@@ -8,7 +8,7 @@ import pytest
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.report.failures import Failures
+from bayesterra.report.verdicts import Failures
 from bayesterra.sampling.summary import summary_table
 from bayesterra.stats.diagnostics import Diagnosis
 from bayesterra.study.study import Study

@@ -15,8 +15,8 @@ import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.models import Wheel
-from bayesterra.report.failures import PARTS
 from bayesterra.report.terminal import show
+from bayesterra.report.verdicts import PARTS
 from bayesterra.soiltests import analysis as soiltests_analysis
 from bayesterra.soiltests import page as soiltests_page
 from bayesterra.soiltests.analysis import SoilTestResult, analyse

@@ -25,7 +25,7 @@ from bayesterra.checking import calibration, holdout, loo, predictive_checks, sh
 from bayesterra.checking.predictive import ReplicateOptions
 from bayesterra.models import M2, Soil, Wheel
 from bayesterra.pooling import degrees
-from bayesterra.sampling import importance, joint, sampler
+from bayesterra.sampling import evidence, joint, sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
@@ -250,7 +250,7 @@ def quick() -> Iterator[None]:
         patch.setattr(short_runs, "enough", lambda _: True)
         patch.setattr(predictive_checks, "ReplicateOptions", lambda: FEW_REPLICATES)
         patch.setattr(loo, "FINAL_DRAWS", (512, 1024))
-        patch.setattr(importance, "REFINEMENT", replace(importance.REFINEMENT, particles=128, refinements=(1,)))
+        patch.setattr(evidence, "REFINEMENT", replace(evidence.REFINEMENT, particles=128, refinements=(1,)))
         patch.setattr(calibration, "short_runs", _little_runs, raising=False)
         patch.setattr(holdout, "refits", _little_runs, raising=False)
         yield

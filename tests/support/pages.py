@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from bayesterra.report.failures import Failures
+from bayesterra.report.verdicts import Failures
 
 
 @contextmanager

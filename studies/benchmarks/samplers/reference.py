@@ -15,7 +15,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.sampler import sample
 from bayesterra.stats.diagnostics import array_ess
-from bayesterra.stats.weights import pareto_smoothed
+from bayesterra.stats.mixture import pareto_smoothed
 from bayesterra.study.schema import SamplingOptions
 
 RUNS, WALKERS, TARGET = 3, 128, 25_000

@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.identifiability.identify import Identified, identify
+from bayesterra.identifiability.analysis import Identified, identify
 from bayesterra.identifiability.verdicts import (
     COUPLED_TO_ALL,
     DETERMINED,

@@ -24,7 +24,7 @@ from bayesterra.runtime.engines import chosen, completed
 from bayesterra.sampling.adaptation import AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import coordinates
 from bayesterra.sampling.sampler import Target
-from bayesterra.stats.weights import normalised, systematic
+from bayesterra.stats.mixture import normalised, systematic
 from bayesterra.study.study import Study
 
 HERE = Path(__file__).parent

@@ -12,9 +12,8 @@ import pytest
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import EngineError
-from bayesterra.runtime import dask as cluster_module
-from bayesterra.runtime.dask import dask_cluster
-from bayesterra.runtime.engines import completed, in_process
+from bayesterra.runtime import engines as cluster_module
+from bayesterra.runtime.engines import completed, dask_cluster, in_process
 from bayesterra.study.study import Study
 
 from .conftest import ROOT, Cluster

@@ -8,8 +8,7 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.__main__ import main
-from bayesterra.identifiability.analysis import Analysis, analyse
-from bayesterra.identifiability.identify import Identified, _record, foresee
+from bayesterra.identifiability.analysis import Analysis, Identified, _record, analyse, foresee
 from bayesterra.identifiability.profiles import NO_PROFILES
 from bayesterra.identifiability.structure import design_of, structure
 from bayesterra.likelihood.joint import JointPosterior, joint_posterior

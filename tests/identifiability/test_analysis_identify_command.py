@@ -13,13 +13,13 @@ import pytest
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.errors import ResultError
-from bayesterra.identifiability.identify import Identified, identify_into
-from bayesterra.report.failures import Failures
+from bayesterra.identifiability.analysis import Identified, identify_into
 from bayesterra.report.terminal import show
+from bayesterra.report.verdicts import Failures
 from bayesterra.study.canonical import write_study
 
 from .conftest import VARIANTS, trial
-from .test_identify import TABLES
+from .test_analysis_identify import TABLES
 
 pytestmark = pytest.mark.usefixtures("little_adaptation")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from arviz_stats.base.array import array_stats
 
-from bayesterra.stats.weights import (
+from bayesterra.stats.mixture import (
     effective_number,
     largest_power,
     log_mean,

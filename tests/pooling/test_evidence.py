@@ -12,8 +12,7 @@ from numpy.random import default_rng
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.pooling.degrees import _evidence
-from bayesterra.pooling.evidence import Weighed
-from bayesterra.pooling.inner import DefendedDrivers, OuterLaws, outer_laws
+from bayesterra.pooling.evidence import DefendedDrivers, OuterLaws, Weighed, outer_laws
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import fit_laws
 from bayesterra.study.groups import Pooling

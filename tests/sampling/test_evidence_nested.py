@@ -15,11 +15,11 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.joint import joint_posterior
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.sampling import nested
-from bayesterra.sampling.nested import CrossCheck, Weighted, against_nested, compare
+from bayesterra.sampling import evidence as nested
+from bayesterra.sampling.evidence import CrossCheck, Weighted, against_nested, compare
 from bayesterra.sampling.sampler import Samples, sample, thin
 from bayesterra.stats.diagnostics import effective_size
-from bayesterra.stats.weights import normalised, weighted_quantiles
+from bayesterra.stats.mixture import normalised, weighted_quantiles
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study

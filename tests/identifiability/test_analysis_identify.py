@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.errors import StudyError
-from bayesterra.identifiability.identify import Identified, foresee, identify
+from bayesterra.identifiability.analysis import Identified, foresee, identify
 from bayesterra.parameters import PARAMETERS
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study

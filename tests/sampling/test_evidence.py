@@ -11,7 +11,7 @@ from scipy.stats import beta, multivariate_normal, norm
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
-from bayesterra.sampling.importance import Evidence, PosteriorProposal, evidence, of_evidence, redrawn
+from bayesterra.sampling.evidence import Evidence, PosteriorProposal, evidence, of_evidence, redrawn
 from bayesterra.sampling.sampler import Target, sample
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture

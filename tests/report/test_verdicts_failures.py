@@ -12,10 +12,10 @@ from bayesterra.analysis import inference
 from bayesterra.analysis.run import load_result, run_prior_study, run_study
 from bayesterra.checking import validation
 from bayesterra.errors import ResultError
-from bayesterra.report.failures import PARTS, Failures, failed, failures_of
 from bayesterra.report.terminal import show
+from bayesterra.report.verdicts import PARTS, Failures, failed, failures_of
 from bayesterra.sampling import summary
-from bayesterra.stats.weights import pareto_smoothed
+from bayesterra.stats.mixture import pareto_smoothed
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
 
