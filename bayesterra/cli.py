@@ -230,6 +230,9 @@ def predict(
     rover: Annotated[Path | None, option("FILE", "A file of a four-wheeled rover, driven instead.")] = None,
     slope: Annotated[Texts, option("A,A", "With --rover: slopes in degrees; by default 0,5,10,15.")] = None,
     tow: Annotated[Texts, option("T,T", 'With --rover: tow forces, e.g. "0 N,35 N"; else none.')] = None,
+    probability: Annotated[
+        Texts, option("WHAT", 'Its probability, e.g. "drawbar_pull > 20 N", "slope > 15 deg"; may be repeated.')
+    ] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-prediction.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -242,11 +245,14 @@ def predict(
     if rover is None:
         slips, loads, wheels = prediction.slips_of(slip or ()), load or (), wheel or ()
         made: AnalysisResult = prediction.forecast(
-            loaded, slips=slips, loads=loads, wheels=wheels, slip_reference=slip_reference, group=group
-        )
+            loaded, slips=slips, loads=loads, wheels=wheels, slip_reference=slip_reference, group=group,
+            probabilities=probability or (),
+        )  # fmt: skip
     else:
         slopes, tows = outlook.slopes_of(slope or ()), outlook.tows_of(tow or ())
-        made = outlook.predict_rover(loaded, rover, slopes=slopes, tows=tows, group=group)
+        made = outlook.predict_rover(
+            loaded, rover, slopes=slopes, tows=tows, group=group, probabilities=probability or ()
+        )
     folder = out or Path(f"{name}-{'prediction' if rover is None else 'rover'}")
     made.save(folder, overwrite=overwrite)
     show(made, folder)

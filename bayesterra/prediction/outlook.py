@@ -32,6 +32,7 @@ from bayesterra.models.statics import (
 from bayesterra.parameters import CHANNELS
 from bayesterra.prediction.prediction import (
     UNANSWERED,
+    Condition,
     error_remark,
     name_of,
     quantile_columns,
@@ -54,6 +55,8 @@ QUANTITIES = {
     "moment": ("resistance_moment", 1.0, "N m"),
 }
 """Fields of a state: name in tables, SI value of a field unit, field unit."""
+GREATEST = {"slope": "rad", "tow": "N"}
+"""Greatest values that may be asked for, and their dimensions."""
 MODEL_ERROR = (
     "the bands hold what the readings leave open about the soil; the error of the wheel-soil model itself"
     " is not in them"
@@ -80,6 +83,7 @@ class RoverOutlook(AnalysisResult):
     driven : lowest and highest slip of the study's rows in the fit.
     remarks : where rover and loads leave what was measured; one sentence each.
     basis : of a joint posterior, where the parameters come from; a sentence.
+    conditions : whose probability is asked for.
     """
 
     MARK = "rover.json"
@@ -108,6 +112,28 @@ class RoverOutlook(AnalysisResult):
     driven: tuple[float, float]
     remarks: tuple[str, ...]
     basis: str = ""
+    conditions: tuple[Condition, ...] = ()
+
+    @property
+    def probabilities(self) -> pd.DataFrame:
+        """One row per condition, slope and tow force: share of all draws that meet it on both axles.
+
+        Draws that do not hold meet none. Of the greatest slope and tow force there is one row each.
+        """
+        rows, states = list[dict[str, Any]](), self.asked
+        for condition in self.conditions:
+            of = {"slope [deg]": np.nan, "tow [N]": np.nan, "condition": condition.text}
+            if condition.name in GREATEST:
+                peak = self.slopes if condition.name == "slope" else self.tows
+                rows.append({**of, "probability": condition.share(np.asarray(peak.value))})
+                continue
+            field = next(field for field, (name, _, _) in QUANTITIES.items() if name == condition.name)
+            values = getattr(states, field)
+            worst = values.min(axis=2) if condition.above else values.max(axis=2)
+            for i, (slope, tow) in enumerate(zip(states.slope[0], states.tow[0], strict=True)):
+                at = {"slope [deg]": float(_degrees(slope)), "tow [N]": float(tow)}
+                rows.append({**of, **at, "probability": condition.share(worst[:, i])})
+        return pd.DataFrame(rows).assign(model_error=MODEL_ERROR not in self.remarks)
 
     @property
     def greatest_slope(self) -> FloatArray:
@@ -233,6 +259,7 @@ class RoverOutlook(AnalysisResult):
             "draws": self.to_dataframe(),
             "greatest": self.greatest_table,
             "climb": self.climb_table,
+            **({"probabilities": self.probabilities} if self.conditions else {}),
         }
 
     def figures(self) -> dict[str, bytes]:
@@ -328,6 +355,7 @@ def predict_rover(
     slopes: Sequence[float | str] = SLOPES,
     tows: Sequence[float | str] = (0.0,),
     group: str | None = None,
+    probabilities: Sequence[str] = (),
 ) -> RoverOutlook:
     """Drive a rover up slopes and against tow forces on the soil of every posterior draw.
 
@@ -338,12 +366,16 @@ def predict_rover(
     tows : forces that pull back along the slope, N or text with a unit; every slope is tried with each.
     group : of a joint posterior, whose parameters count; by default that of the rover's wheels if it has one,
         else one that was not tested.
+    probabilities : conditions whose probability is asked for, such as ``slope > 15 deg`` of the greatest slope that
+        is climbed, or ``sinkage < 30 mm`` of both axles on every slope.
 
     Raises
     ------
     StudyError : a file that describes no rover, or a slope or tow force outside its range.
     """
     check_kind("bt.predict_rover", result, Result)
+    dimensions = {**GREATEST, **{name: CHANNELS[name].dimension for name, _, _ in QUANTITIES.values()}}
+    conditions = tuple(Condition.read(text, dimensions) for text in probabilities)
     if not isinstance(rover, Rover):
         path = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
         rover = read_rover(path, result.study.wheels, prior_phi(result.study))
@@ -370,6 +402,7 @@ def predict_rover(
         slopes_driven=greatest(rover, ground, sweeps[0.0], driven[1]), tows=greatest(rover, ground, pulled),
         tows_driven=greatest(rover, ground, pulled, driven[1]), index=index, driven=driven,
         remarks=tuple(_remarks(study, rover, asked, known=bool(result.basis))), basis=result.basis,
+        conditions=conditions,
     )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -32,7 +33,8 @@ from bayesterra.report.figures import (
     own_axes,
     styled,
 )
-from bayesterra.report.numbers import estimate, interval, resolution, rounded
+from bayesterra.report.numbers import estimate, given, interval, resolution, rounded
+from bayesterra.report.numbers import share as percent
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""
@@ -166,11 +168,32 @@ def _hatched(colour: str, label: str) -> Patch:
 
 
 def forecast_overview(forecast: Predicted) -> Overview:
-    """The bands at the slips that were asked for, and what is doubtful."""
+    """The bands at the slips that were asked for, what is doubtful, and probabilities that were asked for."""
     blocks: list[Table | Text] = []
     for at in forecast.points:
         blocks += [_bands(at), _derived(at), *map(Text, _remarks(at))]
-    return tuple(blocks)
+    return (*blocks, *_probabilities(forecast.tables().get("probabilities")))
+
+
+def _probabilities(table: pd.DataFrame | None) -> Overview:
+    """Probabilities of conditions, and whether the error of the model is in them; nothing where none was asked for."""
+    if table is None:
+        return ()
+    keys = [name for name in table.columns if name not in ("no_answer", "model_error", "extrapolated")]
+    rows = [(*(_asked(row[key]) for key in keys[:-1]), percent(row["probability"])) for row in records(table)]
+    held = (
+        "The error of the model, as the study states it, is in these probabilities."
+        if table["model_error"].all()
+        else "The error of the model itself is not in these probabilities: state it in [discrepancy] to have it there."
+    )
+    said = f"{held} Noise of readings is not; draws without an answer meet no condition."
+    align = "".join("l" if key in ("wheel", "condition") else "r" for key in keys)
+    return (Table("Probabilities", align, tuple(keys), tuple(rows)), Text(said))
+
+
+def _asked(value: object) -> str:
+    """A name, or a number where there is one."""
+    return value if isinstance(value, str) else given(float(f"{float(str(value)):.4g}")) if str(value) != "nan" else ""
 
 
 def _bands(at: Prediction) -> Table:
@@ -311,7 +334,8 @@ def rover_overview(outlook: RoverOutlook) -> Overview:
         marks = ", ".join(f"{100 * share:.0f}{'!' if share > UNANSWERED else ''}" for share in shares)
         lines.append((f"{slope:.4g}", f"{tow:.4g}", slips, depth, loads, f"{marks} %"))
     title = f"rover {outlook.rover.name}, {outlook.rover.weight:.4g} N"
-    return (Table(title, "rrrrrr", ROVER_COLUMNS, tuple(lines)), *map(Text, outlook_lines(outlook)))
+    told = _probabilities(outlook.tables().get("probabilities"))
+    return (Table(title, "rrrrrr", ROVER_COLUMNS, tuple(lines)), *map(Text, outlook_lines(outlook)), *told)
 
 
 ROVER_COLUMNS = ("slope\n[°]", "tow\n[N]", "slip", "z rear\n[mm]", "loads\n[N]", "cannot,\nno answer")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -16,7 +17,7 @@ from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.errors import StudyError, check_kind, check_seed
+from bayesterra.errors import StudyError, check_kind, check_seed, enumerated
 from bayesterra.likelihood.forward import Forward, Outcomes, derive_for, load_of
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
@@ -28,6 +29,7 @@ from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
 from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
 from bayesterra.study.study import Study
+from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, driven_range, measured_loads
 
 UNANSWERED = 0.05
@@ -36,6 +38,53 @@ PREDICTED: dict[str, Channel] = {**{name: CHANNELS[name] for name in Drive.LOAD.
 """Outcomes that are predicted, the last axis of predictions."""
 _MODELLED, _READING = "modelled", "reading"
 
+
+@dataclass(frozen=True)
+class Condition:
+    """What a quantity is asked to be: above or below a value.
+
+    Attributes
+    ----------
+    text : as it was asked.
+    name : of the quantity.
+    above : whether it is to lie above ``value``, SI, or below.
+    """
+
+    text: str
+    name: str
+    above: bool
+    value: float
+
+    @classmethod
+    def read(cls, text: str, dimensions: Mapping[str, str]) -> Condition:
+        """Condition from a text such as ``drawbar_pull > 20 N``.
+
+        Parameters
+        ----------
+        dimensions : of the quantities that may be asked for, a unit each.
+
+        Raises
+        ------
+        StudyError : it has another form, or asks for another quantity.
+        """
+        found = re.fullmatch(r"\s*(\w+)\s*([<>])\s*(.+?)\s*", text)
+        name, sign, value = found.groups() if found else ("", "", "")
+        if name not in dimensions:
+            raise StudyError(
+                f"'probability' must be a quantity, > or <, and a value, e.g. \"drawbar_pull > 20 N\", of"
+                f" {enumerated(list(dimensions))} (got {text!r})"
+            )
+        dimension = dimensions[name]
+        size = float(value) if not dimension and _NUMBER.fullmatch(value) else quantity(value, dimension, name)
+        return cls(f"{name} {sign} {value}", name, sign == ">", size)
+
+    def share(self, values: FloatArray) -> float:
+        """Share of draws (n,) that meet it; those without an answer do not."""
+        met = values > self.value if self.above else values < self.value
+        return float(np.mean(met & np.isfinite(values)))
+
+
+_NUMBER = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?")
 
 PredictedCase = TypedDict("PredictedCase", {  # noqa: UP013 (a line for each kind of entry)
     "wheel": dict[str, Any], "load": Number, "slip": list[Number], "draws": Count,
@@ -118,6 +167,7 @@ class Prediction(Predicted):
     driven : lowest and highest slip of the study's rows in the fit.
     derived, derived_prior : draws of the quantities of ``derived.DERIVED`` for this wheel and load, SI.
     remarks : where load and wheel leave what was measured; one sentence each.
+    model_error : whether the error of the model itself is part of the outcomes, as a study may state it.
     """
 
     title: str
@@ -133,6 +183,7 @@ class Prediction(Predicted):
     derived: Mapping[str, FloatArray]
     derived_prior: Mapping[str, FloatArray]
     remarks: tuple[str, ...]
+    model_error: bool = False
 
     @property
     def cases(self) -> Sequence[Case]:
@@ -233,9 +284,29 @@ Case: TypeAlias = tuple[Prediction, Prediction | None]
 
 @dataclass(frozen=True)
 class Forecast(Predicted):
-    """Predictions of several wheels and loads."""
+    """Predictions of several wheels and loads, and how probable it is that they meet some conditions."""
 
     cases: tuple[Case, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+
+    @property
+    def probabilities(self) -> pd.DataFrame:
+        """One row per wheel, load, slip and condition: share of the draws that meet it, without noise of readings."""
+        names = list(PREDICTED)
+        rows = [
+            {
+                "wheel": at.name, "load [N]": at.load, "slip": slip, "condition": condition.text,
+                "probability": condition.share(at.modelled[:, i, names.index(condition.name)]),
+                "no_answer": at.unanswered[i], "model_error": at.model_error,
+                "extrapolated": not at.driven[0] <= slip <= at.driven[1],
+            }
+            for at in self.points for i, slip in enumerate(at.slip) for condition in self.conditions
+        ]  # fmt: skip
+        return pd.DataFrame(rows)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Bands, draws and derived quantities, and probabilities where they were asked for."""
+        return {**super().tables(), **({"probabilities": self.probabilities} if self.conditions else {})}
 
 
 def quantiles(values: FloatArray) -> FloatArray:
@@ -323,7 +394,7 @@ def predict(
         reasons=np.column_stack([block.status for block in blocks]), index=index,
         driven=(float(rows.min()), float(rows.max())), derived=_derived(study, driven, carried, draws),
         derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
-        remarks=tuple(_remarks(study, driven, carried, result.basis)),
+        remarks=tuple(_remarks(study, driven, carried, result.basis)), model_error=bool(study.errors.discrepancy),
     )  # fmt: skip
 
 
@@ -408,6 +479,7 @@ def forecast(
     wheels: Sequence[str] = (),
     slip_reference: str = "shearing",
     group: str | None = None,
+    probabilities: Sequence[str] = (),
 ) -> Forecast:
     """Predict every wheel under every load.
 
@@ -418,7 +490,10 @@ def forecast(
     loads : texts with units; by default the median load of the study.
     wheels : names or files; by default the study's first wheel.
     slip_reference : radius behind ``slips``: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
+    probabilities : conditions whose probability is asked for, such as ``drawbar_pull > 20 N``.
     """
+    dimensions = {name: channel.dimension for name, channel in PREDICTED.items()}
+    conditions = tuple(Condition.read(text, dimensions) for text in probabilities)
     cases: list[Case] = []
     for name, wheel in [chosen_wheel(result.study, text) for text in wheels or (None,)]:
         asked = _on_shearing_radius(slips, wheel, slip_reference)
@@ -428,7 +503,7 @@ def forecast(
             slip = np.union1d(grid, asked)
             whole = predict(result, slip, load=load, wheel=wheel, name=name, group=group)
             cases.append((whole.at(grid), whole.at(asked)))
-    return Forecast(tuple(cases))
+    return Forecast(tuple(cases), conditions)
 
 
 def _on_shearing_radius(slips: Sequence[float], wheel: Wheel, reference: str) -> FloatArray:

@@ -15,7 +15,7 @@ from bayesterra.errors import StudyError
 from bayesterra.likelihood.forward import model_columns, soil_at
 from bayesterra.models import Conditions, Wheel
 from bayesterra.models.statics import Greatest, Outcome
-from bayesterra.prediction.outlook import RoverOutlook
+from bayesterra.prediction.outlook import RoverOutlook, predict_rover
 from bayesterra.prediction.page import rover_outlook
 from bayesterra.prediction.prediction import spread
 from bayesterra.report.figures import figure_of
@@ -237,3 +237,16 @@ def test_a_discrepancy_moves_with_the_rover(wide: Result, file: Path, monkeypatc
     assert "the error of the wheel-soil model itself" not in notes
     again = bt.predict_rover(replace(wide, study=study), file, slopes=["5 deg", "10 deg"])
     np.testing.assert_array_equal(again.asked.slip, states.slip)
+
+
+def test_probabilities_of_a_rover(wide: Result, file: Path) -> None:
+    """Of the greatest slope as the curve of climbing has it; of both axles on every slope."""
+    asked = ("slope > 10 deg", "sinkage < 12 mm", "sinkage > 9 mm")
+    made = predict_rover(wide, file, slopes=("0 deg", "5 deg"), probabilities=asked)
+    table = made.tables()["probabilities"]
+    assert table["probability"][0] == pytest.approx(made.probability_to_climb(np.radians(10.0)), abs=1e-9)
+    deep, shallow = made.asked.sinkage.max(axis=2), made.asked.sinkage.min(axis=2)
+    assert list(table["probability"][1:3]) == pytest.approx((deep < 0.012).mean(axis=0))
+    assert list(table["probability"][3:]) == pytest.approx((shallow > 0.009).mean(axis=0))
+    assert list(table["slope [deg]"][1:3]) == pytest.approx([0.0, 5.0])
+    assert not table["model_error"].any()

@@ -1,6 +1,8 @@
 """Predictions for wheels, loads and slips that were not measured."""
 
+import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from bayesterra.errors import StudyError
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, forecast, slips_of
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Condition, forecast, slips_of
 from bayesterra.study.result import Result, parameter_dataset
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import read_wheel
@@ -226,3 +228,40 @@ def test_readings_have_the_zero_error_of_the_sinkage(make_study: Callable[..., S
     assert (off["drawbar_pull"], off["resistance_moment"]) == pytest.approx((0.0, 0.0), abs=0.3)
     sinkage = make_study().observations.values["sinkage"][[2, 4]]
     np.testing.assert_allclose(found.modelled[0, :, 0], sinkage, rtol=0.01)
+
+
+def test_probabilities_are_shares_of_the_draws(wide: Result) -> None:
+    """Of modelled values, in the units of the condition; what has no answer meets none."""
+    asked = ("drawbar_pull > 15 N", "sinkage<0.9 cm", "tractive_efficiency > 0.5")
+    made = forecast(wide, slips=[0.1, 0.4], probabilities=asked)
+    table, at = made.tables()["probabilities"], made.points[0]
+    assert list(table["condition"]) == ["drawbar_pull > 15 N", "sinkage < 0.9 cm", "tractive_efficiency > 0.5"] * 2
+    for row in table.to_dict("records"):
+        name, sign, value = str(row["condition"]).split()[:3]
+        column, i = list(PREDICTED).index(name), int(np.argmin(np.abs(at.slip - float(row["slip"]))))
+        values, limit = at.modelled[:, i, column], float(value) * (0.01 if name == "sinkage" else 1.0)
+        met = values > limit if sign == ">" else values < limit
+        assert row["probability"] == pytest.approx(np.sum(met) / len(values))
+    assert not table["model_error"].any()
+    assert "error of the model itself is not in" in str(made.overview()[-1])
+    with_error = replace(
+        made, cases=tuple((replace(a, model_error=True), b and replace(b, model_error=True)) for a, b in made.cases)
+    )
+    assert "as the study states it, is in these" in str(with_error.overview()[-1])
+    assert "probabilities" not in forecast(wide, slips=[0.1]).tables()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("pull > 20 N", "'probability' must be a quantity, > or <, and a value"),
+        ("drawbar_pull 20 N", "'probability' must be a quantity, > or <, and a value"),
+        ("drawbar_pull > 20", "'drawbar_pull' needs a unit"),
+        ("sinkage < 3 N", "'sinkage'"),
+        ("tractive_efficiency > high", "'tractive_efficiency'"),
+    ],
+)
+def test_conditions_of_another_form_are_named(text: str, message: str) -> None:
+    """One line each, before anything is computed."""
+    with pytest.raises(StudyError, match=re.escape(message)):
+        Condition.read(text, {name: channel.dimension for name, channel in PREDICTED.items()})
