@@ -89,3 +89,25 @@ def test_the_files_hold_what_the_readme_says(script: ModuleType) -> None:
     for name, made in (("summary", script.summary()), ("skills", script.skill())):
         before = pd.read_csv(STUDY / f"{name}.csv")
         pd.testing.assert_frame_equal(before, made, rtol=2e-3, atol=1e-6, check_dtype=False)
+
+
+def test_the_quick_way_of_a_run_agrees_with_full_fits(script: ModuleType) -> None:
+    """Coverage of five cases, reading by reading; the README's table is counted from both files."""
+    table = script.beside_refits()
+    assert list(table["readings"]) == [26, 15, 26, 15, 15]
+    assert (table["differ"] == 0).all()
+    assert (table["apart"] < 0.03).all()
+    text = (STUDY / "README.md").read_text(encoding="utf-8")
+    for row in table.to_dict("records"):
+        cells = (row["readings"], row["quick"], row["full"], f"{100 * float(row['apart']):.1f} %")
+        assert " | ".join(["| " + f"{row['study']}, {row['model']}", *map(str, cells)]) in text
+
+
+@pytest.mark.slow
+def test_the_quick_way_is_made_again(script: ModuleType) -> None:
+    """One case: the same readings inside, the same quantiles."""
+    found = pd.DataFrame(bt.run(script.study("hit-wh32", "M2")).record["levels"])
+    found = found[(found["by"] == "slip") & (found["predictor"] == "M2")].reset_index(drop=True)
+    before = pd.read_csv(STUDY / "quick.csv").query("study == 'hit-wh32' and model == 'M2'").reset_index(drop=True)
+    np.testing.assert_allclose(found[["q05", "q50", "q95"]], before[["q05", "q50", "q95"]], rtol=1e-3)
+    assert list(found["covered90"]) == list(before["covered90"])
