@@ -9,6 +9,7 @@ import pytest
 
 from bayesterra.errors import StudyError
 from bayesterra.identifiability.analysis import Identified, foresee, identify
+from bayesterra.identifiability.verdicts import group_columns
 from bayesterra.parameters import PARAMETERS
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
@@ -143,3 +144,22 @@ def test_every_length_of_the_verdicts_is_in_the_unit_of_its_row(moduli: Identifi
         np.testing.assert_allclose(after[name] * scale, before[name], rtol=1e-12, err_msg=name)
     for name in ("contraction", "shift", "tie", "expected"):
         np.testing.assert_array_equal(after[name], before[name])
+
+
+def test_the_verdicts_carry_the_figures_of_the_parts(moduli: Identified) -> None:
+    """Each column is that of the part it comes from, under its own name, and each file that of its analysis."""
+    found, written = moduli.found, moduli.tables()
+    verdicts, scale = found.verdicts, np.array([PARAMETERS[name].scale for name in found.names])
+    np.testing.assert_array_equal(verdicts["cut_contraction"], found.information.parameters["cut_contraction"])
+    for name in ("expected", "local_sd"):
+        np.testing.assert_array_equal(verdicts[name], found.spread.table[name])
+    profiles = found.profiles.found["likelihood"]
+    assert verdicts["profile"].tolist() == [profile.shape for profile in profiles]
+    np.testing.assert_array_equal(verdicts[["lower_95", "upper_95"]], [profile.crossings(95) for profile in profiles])
+    for file, local in {"local": found.spread, "local_at_best": found.best}.items():
+        np.testing.assert_allclose(written[file]["local_sd"] * scale, local.table["local_sd"], rtol=1e-12)
+    assert not np.allclose(found.spread.table["local_sd"], found.best.table["local_sd"])
+    whole = found.counts[found.counts["scope"] == "all"].iloc[0]
+    shares = found.combinations["contraction"].dropna()
+    assert whole["effective"] == pytest.approx(shares.clip(0.0, 1.0).sum())
+    assert set(found.counts["scope"]) == {"all", *group_columns(found.names)}

@@ -58,3 +58,4 @@ def test_the_sampling_names_what_failed() -> None:
     settled = {**verdict, "converged": True, "r_hat": 1.001}
     sound = sampling_verdict({"verdict": settled, "settings": {"ensembles": 4}})
     assert (sound.word, sound.grade) == ("converged", "good")
+    assert (sound.figures, sound.thresholds) == ({"R-hat": 1.2}, {"R-hat": 1.01})
