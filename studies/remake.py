@@ -17,6 +17,8 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "tutorial": (("{folder}/tutorial.py",),),
     "hit-wh32": (RUN,),
     "cmu-grouser": (RUN, ("-m", "bayesterra", "run", "{folder}/wide.toml", "--out", "cmu-grouser-wide-result")),
+    "paper/readings": SCRIPT,
+    "paper/claims": SCRIPT,
     "paper/sensitivity": SCRIPT,
     "paper/identification": SCRIPT,
     "paper/variants": SCRIPT,
@@ -43,7 +45,10 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "benchmarks/kernel": SCRIPT,
     "benchmarks/samplers": tuple(("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")),
     "benchmarks/scale-out": SCRIPT,
-    "paper": SCRIPT,  # last: it gathers the statements of the others
+    "paper": tuple(  # last: it gathers the statements of the others
+        (f"{{folder}}/{part}run.py",)
+        for part in ("sensitivity/", "identification/", "variants/", "load-effect/", "readings/", "claims/", "")
+    ),
 }
 """Arguments of the interpreter, by study."""
 NOTHING_TO_RUN = ("priors", "misfit", "benchmarks")

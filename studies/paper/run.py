@@ -1,13 +1,14 @@
-"""The index of the source paper: every table and figure in a line, from the studies' ``statements.csv``.
+"""The index of the source paper: every statement of it in a row, from the studies' ``statements.csv``.
 
-Run it with ``python studies/paper/run.py`` after other studies; it rewrites the tables in its README. It
-picks up every ``statements.csv`` below ``studies``, and the older ``index.csv`` of Section 4 by a reader.
+``seed-list.csv`` was made from the text of the paper, not from what the studies check: place, statement, the study and
+the beginning of its row (several parted by semicolons: the worst counts), and what a difference is due to. Run it with
+``python studies/paper/run.py`` after other studies; it rewrites the tables in its README.
 """
 
 from __future__ import annotations
 
-import re
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,54 +19,20 @@ STUDIES = HERE.parent
 SECTION_4 = "paper/sensitivity"
 sys.path.append(str(STUDIES / "support"))
 
-from paper_statements import COLUMNS, FILE, read  # noqa: E402
+from paper_statements import FILE, VERDICTS, read  # noqa: E402
 from readme import filled, mark, markdown, minus  # noqa: E402
 
-TITLES = {
-    "Table 2": "soil parameters by conventional tests",
-    "Table 4": "share of F_Nτ in the normal force",
-    "Table 5": "the soil G1",
-    "Table 6": "influence of the bearing parameters",
-    "Table 7": "influence of the shearing parameters",
-    "Table 8": "influence of the contact angles",
-    "Table 9": "influence of the parameter groups in words",
-    "Table 10": "parameters by IM1",
-    "Table 11": "constant sinkage exponent",
-    "Table 12": "R_j = r",
-    "Table 13": "R_j = R",
-    "Table 14": "parameters by IM3",
-    "Table 15": "fit errors and times of IM3",
-    "Table 16": "four-wheeled rover on Toyoura sand",
-    "Fig. 5": "parts of normal force and pull over slip",
-    "Fig. 6": "share of k_c in K_s",
-    "Fig. 7": "bearing parameters: curves",
-    "Fig. 8": "bearing parameters: stresses",
-    "Fig. 9": "shearing parameters: curves",
-    "Fig. 10": "contact angles: curves",
-    "Fig. 11": "contact angles: stresses",
-    "Fig. 12": "convergence of IM1",
-    "Fig. 16": "F_N with a constant exponent",
-    "Fig. 17": "parameters of the three methods",
-    "Fig. 18": "errors and times of the three methods",
-    "Fig. 20": "rover on flat ground",
-    "Fig. 21": "rover on slopes",
-    "Eq. (42)": "load effect",
-    "Section 3.2": "conventional soil tests",
-    "Section 4.1": "stresses",
-    "CMU": "grouser wheel on dry sand, held out: slips, static insertion",
+CLASSES = {
+    "print": "the print contradicts itself",
+    "data": "the paper's readings are unpublished, others stand in",
+    "sentence": "the paper's sentence is not right",
+    "hardware": "times of another computer",
 }
-"""What each table or figure is about, in the order of the index; others follow under their own names."""
-WANTED = (
-    *(f"Table {n}" for n in (2, 4, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16)),
-    *(f"Fig. {n}" for n in (5, 6, 7, 8, 9, 10, 11, 12, 16, 17, 18)),
-    "Eq. (42)", "Section 3.2", "CMU",
-)  # fmt: skip
-"""What the index is to hold."""
-LETTERS = re.compile(r"\([a-z](?:, *[a-z])*\)")
-TOKENS = re.compile(r"\b(table|fig|section|eq|cmu)|(\(\d+\)|\d+(?:\.\d+)*)|\b(to)\b|(–)", re.IGNORECASE)
-KINDS = {"table": "Table", "fig": "Fig.", "section": "Section", "eq": "Eq."}
-SEVERAL = ("reproduced", "differs", "cannot be checked")
-"""Verdicts; the last one is not counted."""
+"""What a statement that differs is due to; those of the print and of hardware stand apart from the count."""
+APART = ("print", "hardware")
+OUTSIDE = "outside"
+BEFORE = {"reproduced": 68, "differs": 39, "cannot be checked": 6}
+"""The count before the paper's solver was known, its own checks taken off."""
 WHY = {
     "F_Nτ/F_N of G1 at slip 0.6 for six wheels, 35 to 150 N": "four of eight by 0.4 to 1.0 points,"
     " as if measured"
@@ -84,42 +51,50 @@ WHY = {
 
 
 @dataclass(frozen=True)
-class Line:
-    """A table or figure of the paper as one study found it.
+class Entry:
+    """A statement of the paper with the rows of the study that checks it.
 
     Attributes
     ----------
-    place : e.g. ``Table 10``.
-    study : folder of the study below ``studies``.
-    statements : its statements on the place, in the study's order.
+    where, says : place and statement.
+    study : folder below ``studies``, or ``outside``.
+    rows : of the study's statements.
+    note : what a difference is due to, or why it lies outside.
     """
 
-    place: str
+    where: str
+    says: str
     study: str
-    statements: pd.DataFrame
+    rows: pd.DataFrame
+    note: str
 
     @property
-    def off(self) -> pd.DataFrame:
-        """Statements that were not reproduced."""
-        return self.statements[self.statements["verdict"] == "differs"]
+    def row(self) -> Mapping[str, str]:
+        """The worst of the rows."""
+        order = ("differs", "cannot be checked", "reproduced")
+        at = min(range(len(self.rows)), key=lambda i: order.index(self.rows["verdict"].iloc[i]))
+        return {str(name): str(value) for name, value in self.rows.iloc[at].items()}
 
     @property
-    def shown(self) -> dict[str, str]:
-        """The statement that stands for the place: the first one, where the study puts its numbers."""
-        return {str(name): str(value) for name, value in self.statements.iloc[0].items()}
+    def verdict(self) -> str:
+        """The verdict of the worst row; ``outside`` without rows."""
+        return OUTSIDE if self.rows.empty else self.row["verdict"]
 
     def cells(self) -> list[str]:
-        """The line of the index."""
-        counts = self.statements["verdict"].value_counts()
-        good, count = counts.get("reproduced", 0), counts.get("reproduced", 0) + len(self.off)
-        verdict = "cannot be checked" if not count else "reproduced" if self.off.empty else "differs"
-        tally = f"{mark(verdict)}, {good} of {count}" if count else verdict
-        first = self.shown
-        why = "; ".join(dict.fromkeys(each for each in self.off["why"] if each))
+        """The row of the index."""
+        if self.rows.empty:
+            return [self.where, self.says, "", "", "", OUTSIDE, self.note, ""]
+        row = self.row
+        word = mark(self.verdict) + (f" ({self.note})" if self.verdict == "differs" else "")
+        values = (_value(row[name]) for name in ("printed", "ours", "difference"))
         return [
-            self.place, TITLES.get(self.place, ""), _said(first), first["ours"], _value(first["difference"]),
-            tally, why, _link(self.study), f"`python studies/remake.py {self.study}`",
-        ]  # fmt: skip
+            self.where,
+            self.says,
+            *values,
+            word,
+            row["why"] if self.verdict != "reproduced" else "",
+            _link(self.study),
+        ]
 
 
 def _link(study: str) -> str:
@@ -128,40 +103,9 @@ def _link(study: str) -> str:
     return f"[{study}]({study.removeprefix(here) if study.startswith(here) else f'../{study}'})"
 
 
-def _said(first: dict[str, str]) -> str:
-    """What is printed: the value with what it is, where the value alone would say nothing."""
-    printed, statement = _value(first["printed"]), first["statement"]
-    if not printed or statement.startswith(printed):
-        return statement
-    return f"{statement}: {printed}" if len(printed) < 40 else printed
-
-
 def _value(text: str) -> str:
     """A cell's text; nothing for the dash that stands for nothing."""
     return "" if text.strip() in ("-", "–", "−") else text
-
-
-def places(text: str) -> list[str]:
-    """Tables, figures and equations that a text names, else its sections, else the text itself.
-
-    ``Fig. 5(b, c)`` is ``Fig. 5``, ``Figs 20, 21`` are two, ``Tables 6 to 8`` three, ``(42)`` is an equation.
-    """
-    names: list[str] = []
-    kind, through = "", False
-    for word, number, to, dash in TOKENS.findall(LETTERS.sub("", text)):
-        if word.lower() == "cmu":
-            names.append("CMU")
-        elif word:
-            kind = KINDS[word.lower()]
-        elif number.startswith("("):
-            names.append(f"Eq. {number}")
-        elif number and kind:
-            first = int(names[-1].split()[1]) + 1 if through and number.isdigit() else number
-            between = range(int(first), int(number)) if through else ()
-            names += [f"{kind} {each}" for each in (*between, number)]
-        through = bool(to or dash) and bool(names) and names[-1].split()[-1].isdigit()
-    firm = [name for name in names if not name.startswith("Section")]
-    return list(dict.fromkeys(firm or names)) or [text]
 
 
 def of_section_4(folder: Path) -> pd.DataFrame:
@@ -213,32 +157,73 @@ def found(studies: Path = STUDIES) -> dict[str, pd.DataFrame]:
     return tables
 
 
-def lines(tables: dict[str, pd.DataFrame]) -> list[Line]:
-    """One line per place and study, in the order of ``TITLES``."""
+def entries(tables: Mapping[str, pd.DataFrame], listed: pd.DataFrame | None = None) -> list[Entry]:
+    """Every statement of the list with its rows.
+
+    Raises
+    ------
+    ValueError : a statement of the list is in no study, or one that differs has no class.
+    """
+    listed = pd.read_csv(HERE / "seed-list.csv", keep_default_na=False) if listed is None else listed
     made = []
-    for study, table in tables.items():
-        named = [(place, i) for i, text in enumerate(table["table_or_figure"]) for place in places(text)]
-        for place in dict.fromkeys(place for place, _ in named):
-            chosen = [i for name, i in named if name == place]
-            made.append(Line(place, study, table.iloc[chosen][list(COLUMNS)]))
-    order = list(TITLES)
-    return sorted(made, key=lambda line: order.index(line.place) if line.place in order else len(order))
+    for row in listed.to_dict("records"):
+        if row["study"] == OUTSIDE:
+            made.append(Entry(row["where"], row["says"], OUTSIDE, pd.DataFrame(), row["statement"]))
+            continue
+        table = tables[row["study"]]
+        chosen = _chosen(table, row["statement"])
+        if chosen.empty:
+            raise ValueError(f"'{row['study']}' has no statement that begins with '{row['statement']}'")
+        made.append(Entry(row["where"], row["says"], row["study"], chosen, row["class"]))
+        if made[-1].verdict == "differs" and row["class"] not in CLASSES:
+            raise ValueError(f"'{row['says']}' differs: 'class' must be one of {', '.join(CLASSES)}")
+    return made
 
 
-def blocks(tables: dict[str, pd.DataFrame]) -> dict[str, str]:
+def _chosen(table: pd.DataFrame, beginnings: str) -> pd.DataFrame:
+    return table[table["statement"].str.startswith(tuple(beginnings.split(";")))]
+
+
+def own_checks(tables: Mapping[str, pd.DataFrame], found: list[Entry]) -> dict[str, pd.DataFrame]:
+    """Rows of each study that no statement of the list stands for."""
+    used = {(each.study, text) for each in found if len(each.rows) for text in each.rows["statement"]}
+    return {study: table[[(study, text) not in used for text in table["statement"]]] for study, table in tables.items()}
+
+
+def blocks(tables: Mapping[str, pd.DataFrame]) -> dict[str, str]:
     """The tables of the README."""
-    index = lines(tables)
-    head = ["where", "what", "printed", "ours", "difference", "verdict", "why it differs", "study", "remade by"]
-    rows = [
-        [_link(study), *(f"{(t['verdict'] == word).sum()}" for word in SEVERAL), f"`python studies/remake.py {study}`"]
-        for study, t in tables.items()
+    found = entries(tables)
+    counted = [
+        each for each in found if each.verdict != OUTSIDE and not (each.verdict == "differs" and each.note in APART)
     ]
-    missing = [name for name in WANTED if name not in {line.place for line in index}]
+    now = {word: sum(each.verdict == word for each in counted) for word in VERDICTS}
+    differ = {name: sum(each.verdict == "differs" and each.note == name for each in found) for name in CLASSES}
+    rest = own_checks(tables, found)
+    own = [
+        [_link(study), *(f"{(rows['verdict'] == word).sum()}" for word in VERDICTS)]
+        for study, rows in rest.items() if len(rows)
+    ]  # fmt: skip
     made = {
-        "studies": markdown(["study", *SEVERAL, "remade by"], rows, "|rrr|"),
-        "index": markdown(head, [line.cells() for line in index]),
-        "missing": "Not yet in a study: " + ", ".join(missing) + "." if missing else "Nothing is missing.",
-    }
+        "count": markdown(
+            ["", *VERDICTS],
+            [
+                ["before", *(f"{BEFORE[word]}" for word in VERDICTS)],
+                [f"now, {len(counted)} statements of the paper", *(f"{now[word]}" for word in VERDICTS)],
+            ],
+            "|rrr",
+        ),
+        "classes": markdown(
+            ["differs", "statements", ""],
+            [[name, f"{differ[name]}", text + (" (apart from the count)" if name in APART else "")]
+             for name, text in CLASSES.items()],
+            "|r|",
+        ),
+        "index": markdown(
+            ["where", "the paper says", "printed", "ours", "difference", "verdict", "why", "study"],
+            [each.cells() for each in found],
+        ),
+        "own": markdown(["study", *VERDICTS], own, "|rrr"),
+    }  # fmt: skip
     return {name: minus(block) for name, block in made.items()}
 
 
@@ -252,7 +237,6 @@ def main() -> None:
     readme = HERE / "README.md"
     text = page(readme.read_text(encoding="utf-8"))
     readme.write_text(text, encoding="utf-8")
-    print(text)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from bayesterra.parameters import soil_array
 METHODS = ("IM1", "IM2", "IM3")
 DELTAS = (0.002, 1e-3, 1e-4, 1e-5, 1e-6)
 """Tolerances of IM1; the first is the paper's."""
-SHARES = (0.25, 1.0)
+SHARES = (0.25, 0.5, 1.0)
 """Noise, in parts of the standard deviations of studies/hit-wh32."""
 SEEDS = 10
 HIT = "HIT"

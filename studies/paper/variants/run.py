@@ -30,6 +30,7 @@ FITS: dict[str, Callable[[], pd.DataFrame]] = {
     "load-fits": fits.load_fits,
     "normal-force": loads.normal_force_over_depth,
     "below-zero": loads.below_zero,
+    "solver-11-13": fits.by_the_papers_solver,
 }
 POSTERIORS: dict[str, Callable[[], pd.DataFrame]] = {"comparison": posteriors.comparison}
 
