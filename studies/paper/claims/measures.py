@@ -13,7 +13,6 @@ from functools import cache
 
 import numpy as np
 import pandas as pd
-from bayesterra.identifiability.identify import identify
 from numpy.typing import NDArray
 from paper_data import LOAD, NOISE, OUTCOMES, SLIPS, SOILS, TRANSITION, study
 from paper_wheels import WHEELS
@@ -21,6 +20,7 @@ from sensitivity.groups import REFERENCE, Setting
 from sensitivity.responses import respond
 
 import bayesterra as bt
+from bayesterra.identifiability.analysis import identify
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Soil
 
