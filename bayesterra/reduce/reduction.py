@@ -512,7 +512,7 @@ def reduce_logs(
 
     Parameters
     ----------
-    paths : CSV, Excel, Parquet, MATLAB or ROS bags.
+    paths : CSV or Excel files.
     zero : record of the unloaded sensors, whose means are subtracted.
     radius : of the wheel, e.g. ``"58 mm"``: behind the rim speed; with ``lugs`` it gives the ripple's period.
     plate : diameter of the plate; logs with it, or with a column of it, are plate tests.

@@ -21,7 +21,7 @@ import xarray as xr
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import ResultError, StudyError, in_short, printable
 from bayesterra.runtime.folders import part_of, write_bytes
-from bayesterra.runtime.reading import MEGABYTE, check_ordinary, check_sums, damage
+from bayesterra.runtime.reading import MEGABYTE, check_ordinary, check_sums, damage, read_bytes
 from bayesterra.runtime.tables import Record
 
 MOST_BYTES = 8192 * MEGABYTE
@@ -107,7 +107,7 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
     except TypeError:  # xarray before 2025.9 writes trees to files only
         with TemporaryDirectory() as folder:
             tree.to_netcdf(Path(folder, path.name), engine="h5netcdf", encoding=encoding)
-            content = Path(folder, path.name).read_bytes()
+            content = read_bytes(Path(folder, path.name), MOST_BYTES)
     write_bytes(path, content)
 
 
