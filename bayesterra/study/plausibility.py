@@ -112,7 +112,7 @@ def _beyond_the_load(rows: Observations, wheels: Mapping[str, Wheel]) -> Iterato
     if both.any() and np.median(force[both] / rows.load[both]) > 0.9 * GRAVITY:
         yield "normal forces are 9.8 times the loads: are loads in kilograms? Write the unit, e.g. load [kg]"
     over = np.abs(pull) > SPARE * load
-    kilograms = over.mean() > 0.3 and (np.abs(pull[over]) < GRAVITY * load[over]).all()
+    kilograms = over.sum() > 0.3 * len(over) and (np.abs(pull[over]) < GRAVITY * load[over]).all()
     if over.any():
         hint = "are loads in kilograms?" if kilograms else "is the unit of one of them wrong?"
         yield f"drawbar_pull is above the load in {_named(rows, over)}: {hint}"

@@ -138,6 +138,7 @@ def test_rows_that_are_not_in_the_fit_and_limits_say_nothing() -> None:
     assert study(data).warnings == ()
     cells = pd.Series([*table()[PULL].round(2)[:5], ">900"], dtype=object)
     assert study(table().assign(**{PULL: cells})).warnings == ()
+    assert study(table().assign(use=0), prior_only=True).warnings == ()
 
 
 def test_sound_tables_are_silent() -> None:
