@@ -67,3 +67,17 @@ def test_files_that_a_page_names_are_there(page: Path) -> None:
     """Of every page that people read."""
     named = re.findall(r"\b(?:bayesterra|models|tests|studies)/[\w/-]+\.py\b", page.read_text(encoding="utf-8"))
     assert not [path for path in named if not (ROOT / path).exists()]
+
+
+def test_a_module_that_stands_beside_its_script_has_a_name_of_its_own() -> None:
+    """One process runs scripts of many folders: the second module of a name would be the first one's."""
+    beside: dict[str, set[Path]] = {}
+    for script in SCRIPTS:
+        for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+            names = [node.module] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                if name and (module := script.with_name(f"{name}.py")).is_file():
+                    beside.setdefault(name, set()).add(module)
+    assert len(beside) > 5
+    assert {name: folders for name, folders in beside.items() if len(folders) > 1} == {}

@@ -16,7 +16,7 @@ HERE = Path(__file__).parent
 PAPER = HERE.parent
 sys.path[:0] = [str(HERE), str(PAPER), str(PAPER / "identification"), str(HERE.parents[1] / "support")]
 
-import measures  # noqa: E402
+import claim_measures as measures  # noqa: E402
 import paper_statements  # noqa: E402
 import sentences  # noqa: E402
 import small_checks  # noqa: E402

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from measures import DETERMINED, GROUPS, NOISES, SETTINGS, FloatArray, near
+from claim_measures import DETERMINED, GROUPS, NOISES, SETTINGS, FloatArray, near
 from paper_data import FORCES, printed
 
 HERE = Path(__file__).parent
