@@ -12,7 +12,8 @@ from simulated_drives import LUGS, RADIUS, STATES, SimulatedDrive, simulated_dri
 
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.models import Wheel
-from bayesterra.reduce.reduction import Reduction, reduce_logs, slip_of
+from bayesterra.reduce.reduction import Reduction, reduce_logs
+from bayesterra.reduce.windows import slip_of
 from bayesterra.study.observations import observations, read_table
 
 WHEEL: dict[str, Any] = {"radius": f"{RADIUS} m", "lugs": LUGS}
