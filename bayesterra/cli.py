@@ -430,7 +430,7 @@ def soiltest(
 
 @app.command(short_help="Reduce raw logs of drives or plate tests to rows.")
 def reduce(
-    logs: Annotated[list[Path], argument("LOG...", "CSV or Excel.")],
+    logs: Annotated[list[Path], argument("LOG...", "CSV, Excel, Parquet, MATLAB (.mat) or ROS bag.")],
     out: Annotated[Path, option("FILE", "New table; its page stands beside it.")] = Path("measurements.csv"),
     zero: Annotated[Path | None, option("LOG", "Record of the unloaded sensors: its means are subtracted.")] = None,
     radius: Annotated[str | None, option("R", 'Radius behind the rim\'s speed, e.g. "58 mm".')] = None,

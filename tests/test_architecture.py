@@ -26,6 +26,8 @@ ONLY_IN = {
     "h5netcdf": {"runtime/netcdf.py"},
     "h5py": {"runtime/netcdf.py"},
     "pint": {"study/units.py"},
+    "pyarrow": {"runtime/recordings.py"},
+    "rosbags": {"runtime/recordings.py"},
     "distributed": {"runtime/engines.py"},
     "dask": {"runtime/engines.py"},
     "cloudpickle": {"runtime/engines.py"},

@@ -16,7 +16,7 @@ from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
 from bayesterra.runtime.reading import MEGABYTE
 from bayesterra.stats.diagnostics import error_of_mean
 from bayesterra.study.observations import Heading, headings, labels, named_columns, read_table, unit_scale
-from bayesterra.study.units import column_header, column_name
+from bayesterra.study.units import known_column
 
 Kind = Literal["measured", "digitised", "simulated"]
 MOST_LOG, MOST_SAMPLES = 256 * MEGABYTE, 2_000_000
@@ -104,8 +104,8 @@ def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: s
     StudyError : one line that begins with the file: what is wrong and what to do.
     """
     with errors_in(path):
-        table = read_table(path, sheet, decimal, size=MOST_LOG, rows=MOST_SAMPLES)
-        mine = [column_name(column_header(str(header))[0], [*LOGGED, "test"]) for header in table.columns]
+        table = _with_units(read_table(path, sheet, decimal, size=MOST_LOG, rows=MOST_SAMPLES))
+        mine = [known_column(str(header), [*LOGGED, "test"])[0] for header in table.columns]
         chosen = table.loc[:, [name in LOGGED or name == "test" for name in mine]]
         columns = named_columns(chosen, _scale, [*LOGGED, "test"])
         values = {name: column.si() for name, column in columns.items() if name != "test"}
@@ -119,6 +119,22 @@ def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: s
             path.name, values, names, "simulated" if "simulated" in said else kind, headings(table, columns), form, {}
         )
         return _in_order(log)
+
+
+def _with_units(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with dates as seconds from the first one, and SI units where headers of a bag have none."""
+    headers = list(map(str, table.columns))
+    for position, header in enumerate(headers):
+        name, unit = known_column(header, LOGGED)
+        cells = table.iloc[:, position]
+        if name == "time" and all(isinstance(cell, str) and ":" in cell for cell in cells):
+            moments = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
+            if not moments.isna().any():
+                table.isetitem(position, (moments - moments.iloc[0]).dt.total_seconds().to_numpy())
+                headers[position] = f"{header} [s]"
+        elif name in LOGGED and unit is None and table.attrs["form"] == "ROS bag":
+            headers[position] = f"{header} [{LOGGED[name].dimension}]"
+    return table.set_axis(headers, axis="columns")
 
 
 def _had(table: pd.DataFrame, columns: Mapping[str, object]) -> str:

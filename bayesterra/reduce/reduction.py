@@ -113,7 +113,7 @@ def reduce_logs(
 
     Parameters
     ----------
-    paths : CSV or Excel files.
+    paths : CSV, Excel, Parquet or MATLAB files, or ROS bags.
     zero : record of the unloaded sensors, whose means are subtracted.
     radius : of the wheel, e.g. ``"58 mm"``: behind the rim speed; with ``lugs`` it gives the ripple's period.
     plate : diameter of the plate; logs with it, or with a column of it, are plate tests.

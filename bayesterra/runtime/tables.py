@@ -25,6 +25,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.reading import MEGABYTE, MOST_TABLE, read_bytes, read_json, read_text, reason
+from bayesterra.runtime.recordings import is_bag, recording_cells
 
 LONGEST = 10_000
 """Characters, at most, of a cell."""
@@ -96,7 +97,8 @@ def read_cells(
 
     Parameters
     ----------
-    path : text in UTF-8, UTF-16 or Latin-1, separated by commas, semicolons or tabs; or an Excel workbook.
+    path : text in UTF-8, UTF-16 or Latin-1, separated by commas, semicolons or tabs; an Excel workbook; or
+        what :func:`bayesterra.runtime.recordings.recording_cells` reads.
     sheet : of the workbook; needed where it has several.
     decimal : ``,`` or ``.``; the other one then stands between thousands. By default what the cells tell.
     size, rows : bytes and rows, at most.
@@ -112,7 +114,8 @@ def read_cells(
     StudyError : there is no such file, it is too large, no table, or can be read in two ways; what to do.
     """
     try:
-        content = read_bytes(path, size)
+        content = b"" if is_bag(path) and path.exists() else read_bytes(path, size)
+        recording, form = recording_cells(path, content, rows)
     except FileNotFoundError as error:
         raise StudyError("no such file of measurements") from error
     except OSError as error:
@@ -122,6 +125,8 @@ def read_cells(
     workbook = content.startswith(b"PK")
     if sheet and not workbook:
         raise StudyError(f"is no .xlsx workbook, so it has no sheet '{sheet}': leave 'sheet' out")
+    if form:
+        return recording, form
     lines, form = _sheet(content, sheet, rows) if workbook else _separated(*_decoded(content), rows)
     cells = _rectangular(lines)
     doubtful = ",." if form.endswith(SEPARATORS[";"]) else ","  # beside commas "1.234" has a decimal point

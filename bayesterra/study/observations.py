@@ -20,7 +20,7 @@ from bayesterra.models.geometry import convert_slip
 from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
 from bayesterra.runtime.tables import read_cells
 from bayesterra.study.noise import LEAST
-from bayesterra.study.units import REMARKS, STANDARD_GRAVITY, column_header, column_name, factor
+from bayesterra.study.units import REMARKS, STANDARD_GRAVITY, factor, known_column
 
 SD_SUFFIX = "_sd"
 MOST_LOAD = 1e12
@@ -312,8 +312,7 @@ def named_columns(
     """
     columns: dict[str, Column] = {}
     for position, header in enumerate(map(str, table.columns)):
-        name, unit = column_header(header)
-        name, cells = column_name(name, known), list(table.iloc[:, position])
+        (name, unit), cells = known_column(header, known), list(table.iloc[:, position])
         if name not in known and _left_alone(header, cells, known):
             continue
         scaled = scale(header, name, unit)

@@ -30,6 +30,9 @@ LONGEST = 200
 """Characters, at most, of a quantity or the header of a column: patterns are slow on long texts."""
 _HEADER = re.compile(r"\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
 _ROUND_HEADER = re.compile(r"\s*([^()]*?)\s*\(([^()]*)\)\s*")
+_ENDINGS = {"Nm": "N m", "m_s": "m/s", "cm_s": "cm/s", "mm_s": "mm/s", "rad_s": "rad/s", "percent": "%", "pct": "%"}
+_UNIT_ENDING = re.compile(rf"(.+?)_(mm|cm|m|N|kN|Pa|kPa|s|ms|rpm|kg|kgf|{'|'.join(_ENDINGS)})")
+"""Units at the end of names that cannot have brackets."""
 STANDARD_GRAVITY = 9.80665
 """m/s², exactly: CGPM 1901."""
 SYNONYMS = {
@@ -165,6 +168,20 @@ def column_name(name: str, known: Collection[str]) -> str:
     if plain in known:
         return plain
     return next((each + suffix for each in SYNONYMS if each + suffix in known and stem in SYNONYMS[each]), name)
+
+
+def known_column(header: str, known: Collection[str]) -> tuple[str, str | None]:
+    """Known name, else the name as it is, and unit of a column; ``z_mm`` is ``sinkage [mm]``.
+
+    >>> known_column("travel speed_mm_s", ["travel_speed"])
+    ('travel_speed', 'mm/s')
+    """
+    stem, unit = column_header(header)
+    name = column_name(stem, known)
+    ending = _UNIT_ENDING.fullmatch(stem) if name not in known and unit is None else None
+    if ending and column_name(ending[1], known) in known:
+        return column_name(ending[1], known), _ENDINGS.get(ending[2], ending[2])
+    return name, unit
 
 
 def text(value: float, dimension: str) -> str | float:

@@ -10,6 +10,8 @@ from datetime import date
 from typing import Any
 
 import openpyxl
+import pandas as pd
+from scipy.io import savemat
 
 HEADER = ("slip", "load [N]", "sinkage [mm]", "drawbar_pull [N]", "resistance_moment [N m]")
 ROWS = (
@@ -155,6 +157,7 @@ def _names() -> list[TableForm]:
                 "slip [%]", "load [kN]", "sinkage [cm]", "DP [kN]", "M [N mm]".replace("M ", "moment "), rows=percent
             ),
         ),
+        TableForm("units at the end of names", renamed("slip", "load_N", "sinkage_mm", "DP_N", "torque_Nm")),
         TableForm("loads in kilograms", renamed("slip", "load [kg]", *HEADER[2:], rows=kilograms)),
         TableForm("loads in kilograms of force", renamed("slip", "load [kgf]", *HEADER[2:], rows=kilograms)),
     ]
@@ -182,6 +185,24 @@ def _workbooks() -> list[TableForm]:
             workbook(("rows", (HEADER, (0.1, 80.0, "#DIV/0!", 14.0, 3.5)))),
             "table.xlsx",
             asks="'sinkage' must be a number or empty (got '#DIV/0!', row 1)",
+        ),
+    ]
+
+
+def _recordings() -> list[TableForm]:
+    columns = pd.DataFrame(ROWS, columns=pd.Index(HEADER), dtype=float)
+    parquet, matlab = io.BytesIO(), io.BytesIO()
+    columns.set_index("slip").to_parquet(parquet)
+    names = ("slip", "load_N", "sinkage_mm", "drawbar_pull_N", "torque_Nm")
+    savemat(matlab, {"test": dict(zip(names, columns.to_numpy().T, strict=True))})
+    return [
+        TableForm("Parquet, slip as the index", parquet.getvalue(), "table.parquet"),
+        TableForm("MATLAB, a struct of vectors", matlab.getvalue(), "table.mat"),
+        TableForm(
+            "MATLAB, version 7.3",
+            b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n",
+            "table.mat",
+            asks="is a MATLAB file of version 7.3: save it with save('log.mat', '-v7')",
         ),
     ]
 
@@ -251,4 +272,4 @@ def _open() -> list[TableForm]:
 
 def table_forms() -> list[TableForm]:
     """All of them."""
-    return [*_texts(), *_names(), *_workbooks(), *_open()]
+    return [*_texts(), *_names(), *_workbooks(), *_recordings(), *_open()]

@@ -15,7 +15,10 @@ RUNS_CODE = {"pickle", "_pickle", "dill", "cloudpickle", "joblib", "shelve", "ma
 """Modules whose readers build what a file tells them to."""
 IN_TRANSIT = {"bayesterra/runtime/engines.py": {"pickle", "cloudpickle"}}
 """Tasks on their way to workers that we or the user started; they never stand on a disk."""
-CALLS = {"eval", "exec", "compile", "__import__", "runpy", "system", "popen", "Popen", "import_module"}
+CALLS = {
+    "eval", "exec", "compile", "__import__", "runpy", "system", "popen", "Popen", "import_module",
+    "AnyReader", "get_types_from_msg", "get_types_from_idl",  # code from the definitions that a bag brings along
+}  # fmt: skip
 HARMLESS = {
     "re.compile",
     "platform.system",
@@ -33,11 +36,13 @@ DOORS = {
     "open_datatree": {"bayesterra/runtime/netcdf.py"},
     "File": {"bayesterra/runtime/netcdf.py"},
     "connect": {"bayesterra/runtime/tasks.py"},
+    **{name: {"bayesterra/runtime/recordings.py"} for name in ("loadmat", "whosmat", "ParquetFile", "Reader")},
     # our own sources, for their digest; files of a result, for theirs
     "read_bytes": {"bayesterra/study/canonical.py", "models/kernels/cache.py", "bayesterra/runtime/reading.py"},
     "read_text": {"bayesterra/runtime/tasks.py"},  # the system's table of mounts
 }
-"""Methods that open files, each in one place only."""
+"""Methods and, of libraries, functions that open files, each in one place only."""
+FUNCTIONS = {"loadmat", "whosmat", "ParquetFile", "Reader"}
 OWN = dict.fromkeys(("read_json", "read_text", "read_bytes"), "runtime.reading")
 OWN["read_table"] = "study.observations"
 """Readers of our own by these names."""
@@ -90,7 +95,7 @@ def problems(path: Path) -> list[str]:
         )
         runs = name in CALLS and whole not in HARMLESS
         guesses = name in READERS and (method or not own)
-        elsewhere = method and here not in DOORS.get(name, {here})
+        elsewhere = (method or name in FUNCTIONS) and here not in DOORS.get(name, {here})
         if runs or guesses or elsewhere:
             found.append(f"{here}:{call.lineno}: {whole}")
     return found
@@ -98,7 +103,18 @@ def problems(path: Path) -> list[str]:
 
 @pytest.mark.parametrize(
     "line",
-    ["import pickle", "eval(text)", "pd.read_pickle(path)", "path.read_text()", "xr.open_dataset(p)", "h5py.File(p)"],
+    [
+        "import pickle",
+        "eval(text)",
+        "pd.read_pickle(path)",
+        "path.read_text()",
+        "xr.open_dataset(p)",
+        "h5py.File(p)",
+        "loadmat(p)",
+        "pd.read_parquet(p)",
+        "rosbag1.Reader(p)",
+        "AnyReader([p])",
+    ],
 )
 def test_a_line_that_could_is_noticed(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """In any source file."""
