@@ -30,12 +30,14 @@ from bayesterra.report.numbers import (
     signed,
     with_error,
 )
-from bayesterra.report.sections import Section, in_a_line, origin_rows
+from bayesterra.report.sections import Prose, Section, in_a_line, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.sampling.summary import CREDIBLE
 from bayesterra.stats.diagnostics import divergence, hdi
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import Result, SummaryRow, summary_rows
+
+say = Prose("closing")
 
 
 def methods_section(result: Result) -> Blocks:
@@ -58,25 +60,15 @@ def _starts(result: Result) -> tuple[Table, ...]:
         own = " (this study's start)" if row["own"] else ""
         ends = (plain(row[solver], 4) for solver in SOLVERS)
         rows.append((symbol(name), unit(name) or NOTHING, plain(row["start"]) + own, *ends, interval(low, high)))
-    caption = Markup(
-        "What {} owes to its start: each line is a fit from another one, the rest as in the study. lsqcurvefit stands "
-        "for the paper's solver, emulated with its settings; it stops after small changes, so where the readings say "
-        "little it returns its start."
-    )
     header = ("", "unit", "start", "converged", "lsqcurvefit", "posterior, 90 % HDI")
-    return (Table(caption.format(table["method"].iloc[0]), "llrrrr", header, tuple(rows)),)
+    return (Table(say("starts", table["method"].iloc[0]), "llrrrr", header, tuple(rows)),)
 
 
 def _values(result: Result) -> Table:
     points = estimates(result)
     rows = [_value_row(result, name, points) for name in PARAMETERS if any(name in v for v in points.values())]
-    caption = (
-        "Point estimates beside the posterior, with the digits that the posterior's interval supports. "
-        "= held at this value; | at a bound. Where methods held a parameter, the posterior mode with it held "
-        "there stands beside them."
-    )
     header = ("", "unit", "median", "mode", "90 % HDI", *(MARKS[name].label for name in points))
-    return Table(caption, "llrrr" + "r" * len(points), header, tuple(rows))
+    return Table(say("values"), "llrrr" + "r" * len(points), header, tuple(rows))
 
 
 def _value_row(result: Result, name: str, points: Mapping[str, Mapping[str, float]]) -> tuple[Cell, ...]:
@@ -123,14 +115,8 @@ def _standing(result: Result) -> Table:
             own = ["yes" if fit["converged"] else "no", str(fit["passes"]), *misfits]
         rows.append((MARKS[name].label if name in MARKS else "posterior mode", level, word, *own))
     heads = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
-    caption = (
-        "Where each estimate stands: the share of draws of higher density (small: a typical good fit; near "
-        "100 %: practically no draw is as improbable; the mode's is 0 by definition), and the largest "
-        "misfit in percent of the largest reading, (16). IM1, IM2 and IM3 take the measured sinkage as "
-        "given, joint and the posterior weight all channels by their noise."
-    )
     header = ("estimate", "denser draws", "standing", "converged", "passes", *heads)
-    return Table(caption, "lrllr" + "r" * len(channels), header, tuple(rows))
+    return Table(say("standing"), "lrllr" + "r" * len(channels), header, tuple(rows))
 
 
 def _standing_word(standing: Mapping[str, Any]) -> Markup:
@@ -143,19 +129,7 @@ def _standing_word(standing: Mapping[str, Any]) -> Markup:
 def prior_section(result: Result) -> Blocks:
     """Sensitivity to the prior and to the noise: how far they shape the result."""
     ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
-    text = (
-        Markup(
-            "A bound of the prior cuts off {}: there the interval is as much the prior's as the "
-            "data's, and a wider prior would move it."
-        ).format(ends)
-        if ends
-        else Markup("No parameter leans on a bound of its prior.")
-    )  # fmt: skip
-    advice = (
-        "No second prior was run for this report. To see what another one does, change [priors] in the "
-        "study, run again and set the two results side by side."
-    )
-    return (Text(text), _widths(result), Text(advice), *_other_noise(result))
+    return (Text(say("prior", ends)), _widths(result), Text(say("prior_advice")), *_other_noise(result))
 
 
 def _widths(result: Result) -> Table:
@@ -164,11 +138,7 @@ def _widths(result: Result) -> Table:
         for name, row in summary_rows(result).items()
         if name in result.names
     )
-    caption = (
-        "Posterior against prior: ratio of the standard deviations (1: nothing learnt), and shift of the "
-        "mean in standard deviations of the prior (beyond ± 2: data and prior disagree)."
-    )
-    return Table(caption, "lrr", ("", "sd ratio", "shift of the mean"), rows)
+    return Table(say("widths"), "lrr", ("", "sd ratio", "shift of the mean"), rows)
 
 
 def _other_noise(result: Result) -> Blocks:
@@ -186,11 +156,7 @@ def _other_noise(result: Result) -> Blocks:
         + ("" if of["reliable"] else ", whose weights are too uneven to be relied on")
         for key, of in noise.items()
     ]
-    caption = (
-        "90 % HDI of the parameters with the noise as the study states it, with half and with double of it; "
-        f"estimated noise is estimated each time ({'; '.join(how)}). A guessed noise makes guessed widths."
-    )
-    return (Table(caption, "llrrr", ("", "unit", "as stated", *noise), rows),)
+    return (Table(say("other_noise", "; ".join(how)), "llrrr", ("", "unit", "as stated", *noise), rows),)
 
 
 def reproduce_section(result: Result) -> Blocks:
@@ -204,24 +170,10 @@ def reproduce_section(result: Result) -> Blocks:
         *origin_rows(record, "study", "data"),
         ("seconds", in_a_line({name: plain(value) for name, value in record["seconds"].items()})),
     )
-    caption = (
-        "The same study, data, seed and versions give the same draws on one machine, whatever the number of "
-        "cores; fingerprints are SHA-256."
+    return (
+        Table(say("reproduce"), "ll", ("", ""), facts),
+        Table(say("checklist"), "ll", ("guideline", "section"), say.rows("checklist_rows")),
     )
-    return (Table(caption, "ll", ("", ""), facts), _checklist())
-
-
-def _checklist() -> Table:
-    rows = (
-        ("1 Model, data, prior", "Data and model"),
-        ("2 Computation: convergence and effective size of every quantity", "Sampling quality"),
-        ("3 Posterior, with predictive check", "Posterior; Predictive checks"),
-        ("4 Decisions and criteria", "thresholds in Sampling quality, Predictive checks and Identifiability"),
-        ("5 Sensitivity to the prior", "Sensitivity to prior and noise: what one run can tell"),
-        ("6 Reproducibility", "this section"),
-    )
-    caption = "Bayesian analysis reporting guidelines (Kruschke 2021): where each point is met."
-    return Table(caption, "ll", ("guideline", "section"), rows)
 
 
 BIT = float(np.log(2.0))
@@ -233,47 +185,9 @@ NOTABLE = 0.2
 """Correlation, before or after, from which a pair is shown."""
 
 
-WORDS = (
-    ("prior", "what is believed of a parameter before the readings: a law over its values, cut to what physics allows"),
-    ("posterior", "what is believed of it after them, by the prior, the readings, their noise and the model"),
-    ("draws", "sets of parameters from the posterior; the effective number is what they are worth as independent ones"),
-    ("R-hat", "spread of all draws over that within each ensemble of walkers: 1 where the ensembles agree"),
-    ("converged", "the ensembles agree and the draws are enough; a second solution that none found would not show"),
-    (
-        "fits",
-        "the readings look like readings that the model makes; p is the share of such tables as strange as they are",
-    ),
-    (
-        "predicts",
-        "levels of slip, load, wheel or run that the fit had not seen lie in their intervals as often as they should",
-    ),
-    ("too narrow, too wide", "they lie there too seldom, or nearly always: the intervals do not hold for other levels"),
-    (
-        "median, mode",
-        "the value with half of the probability on either side; the values that are densest together, which another "
-        "choice of parameters (a modulus or its logarithm) would put elsewhere",
-    ),
-    ("Δχ²", "twice the difference of log density of two points"),
-    ("90 % HDI", "the narrowest interval that holds 90 % of the probability"),
-    (
-        "determined",
-        "the posterior holds at most a tenth of the prior's variance, and no end of it is a bound of the prior",
-    ),
-    ("fixed combination", "the same of a sum of parameters with weights; independent ones are counted"),
-    ("coupled with, known only in combination", "not determined, but tied to others by the readings"),
-    ("weakly determined", "a third or more of the prior's variance is gone, and no coupling says more"),
-    ("one-sided", "the readings exclude one side only; the other end is the prior's"),
-    ("moved", "hardly narrowed, but shifted: prior and readings disagree"),
-    ("repeats its prior", "the readings say next to nothing of it"),
-    ("mode, held", "the values that are densest together where a parameter is held as least squares held it"),
-    ("IM1, IM2, IM3, joint", "least-squares fits: the three of Ding et al. (2015), and one of all readings at once"),
-)
-"""Words of the first screen, and what they mean."""
-
-
 def words_section(result: Result) -> Blocks:
     """What the words of the first screen mean."""
-    rows = tuple((Markup("<b>{}</b>").format(word), meaning) for word, meaning in WORDS)
+    rows = tuple((Markup("<b>{}</b>").format(word), meaning) for word, meaning in say.rows("words"))
     return (Table("The words of the first screen.", "ll", ("word", "meaning"), rows),)
 
 
@@ -298,15 +212,7 @@ def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
     narrowed = sorted((name for name in ratios if ratios[name] < NARROWED), key=ratios.__getitem__)
     rest = [name for name in ratios if name not in narrowed]
     phrases = [Markup("{} to {:.0f} %").format(symbol(name), 100 * ratios[name]) for name in narrowed]
-    learnt = (
-        Markup("They narrow {} of the standard deviation before").format(listed(phrases))
-        if phrases
-        else Markup("They narrow none of the parameters by a tenth")
-    )
-    kept = Markup("; {} stay about as wide as before").format(symbols(rest)) if rest and phrases else ""
-    return Markup("The readings of this study add {} to what was known before. {}{}.").format(
-        _total(result), learnt, kept
-    )
+    return say("added", _total(result), phrases, rest)
 
 
 def _total(result: Result) -> str:
@@ -329,12 +235,7 @@ def _disagreement(rows: dict[str, SummaryRow]) -> tuple[Text, ...]:
     far = [name for name, row in rows.items() if abs(row.shift) > APART]
     if not far:
         return ()
-    text = Markup(
-        "The earlier result and these readings disagree about {}, which moved by more than {:g} standard "
-        "deviations of the prior: that the earlier test says something about this soil is an assumption, and "
-        "it is doubtful here."
-    )
-    return (Text(text.format(symbols(far), APART), "bad"),)
+    return (Text(say("disagreement", far, APART), "bad"),)
 
 
 def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
@@ -353,11 +254,7 @@ def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
                 Markup("{} ± {}").format(number(bits, 2, least=0.0), number(error, 2)),
             )
         )
-    caption = Markup(
-        "Before and after the readings: the prior ({}; after the physical cut) and the posterior, each "
-        "with its 90 % HDI, the ratio of the standard deviations (1: nothing learnt), and the "
-        "information gained about each parameter alone."
-    ).format(listed(list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))))
+    caption = say("parameters", listed(list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))))
     header = ("", "unit", "before", "90 % HDI", "after", "90 % HDI", "sd ratio", "gain [bit]")
     return Table(caption, "llrrrrrr", header, tuple(body))
 
@@ -372,9 +269,5 @@ def _correlations(result: Result, names: list[str]) -> Blocks:
     if not pairs:
         return ()
     pairs.sort(key=lambda pair: -abs(pair[2] - pair[1]))
-    caption = (
-        f"Correlations before and after the readings, where one of them is {NOTABLE:g} or more; those that "
-        "changed most come first."
-    )
     rows = tuple((pair, number(before, 2), number(after, 2)) for pair, before, after in pairs)
-    return (Table(caption, "lrr", ("", "before", "after"), rows),)
+    return (Table(say("correlations", NOTABLE), "lrr", ("", "before", "after"), rows),)

@@ -18,10 +18,12 @@ from bayesterra.analysis.contents_page import (
 )
 from bayesterra.report.blocks import Overview, Table, Text
 from bayesterra.report.numbers import estimate, given, rounded, with_error
-from bayesterra.report.sections import Section, VerdictPage
+from bayesterra.report.sections import Prose, Section, VerdictPage
 from bayesterra.report.symbols import listed, symbol, symbols
 from bayesterra.report.verdicts import Verdict
 from bayesterra.study.study import Study
+
+say = Prose("comparison")
 
 
 def comparison_page(comparison: Comparison) -> VerdictPage:

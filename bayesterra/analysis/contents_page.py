@@ -22,9 +22,12 @@ from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, signed, with_error
+from bayesterra.report.sections import Prose
 from bayesterra.report.symbols import QUANTITIES, angles, symbol, with_unit
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
+
+say = Prose("comparison")
 
 SLIPS = 4
 """Slips in the table of predictions, at most."""
@@ -54,15 +57,9 @@ def parameters_section(comparison: Comparison) -> Blocks:
     rows = [_row(comparison, name) for name in PARAMETERS if name in free]
     derived = [_row(comparison, name) for name in DERIVED if _cells(comparison, name)]
     header = ("", "", "median, 90 % HDI", "shift", "width")
-    caption = Markup(
-        "Posterior densities with 90 % highest-density intervals and medians, one colour per result: {}. "
-        "Dashed: priors after the physical cut, at half height. Shift: distance of the mean from that of {}; "
-        "width: ratio of the standard deviations; both in units of {}’s standard deviation."
-    ).format(Markup(" ").join(keys(comparison)), comparison.names[0], comparison.names[0])
+    caption = say("parameters", Markup(" ").join(keys(comparison)), comparison.names[0])
     curve = comparison.curves[comparison.names[0]]
-    other = Markup(
-        "Derived quantities under {} N, {}. Sinkage moduli of different exponents do not compare; these do."
-    ).format(given(round(curve.load, 1)), driven_by(comparison))
+    other = say("parameters_other", given(round(curve.load, 1)), driven_by(comparison))
     blocks = [Table(caption, "lllrr", header, tuple(rows)), Table(other, "lllrr", header, tuple(derived))]
     return tuple(block for block in blocks if block.rows)
 
@@ -109,11 +106,7 @@ def predictions_section(comparison: Comparison) -> Blocks:
         for name, quantity in PREDICTED.items()
     )
     curve = comparison.curves[comparison.names[0]]
-    caption = Markup(
-        "Modelled values over slip under {} N, without measurement noise: median and 90 % band, one colour "
-        "per result: {}. Dots: readings of that wheel under that load. Where bands lie apart, the choice "
-        "matters for driving."
-    ).format(given(round(curve.load, 1)), Markup(" ").join(keys(comparison)))
+    caption = say("predictions", given(round(curve.load, 1)), Markup(" ").join(keys(comparison)))
     notes = [Text(Markup("Note ({}): {}.").format(n, note)) for n, p in comparison.points.items() for note in p.notes]
     return (Gallery("half", pictures, caption), _predicted(comparison), *notes)
 
@@ -128,8 +121,7 @@ def _predicted(comparison: Comparison) -> Table:
         columns = (_bands(comparison, at, name) for name in PREDICTED)
         rows.append((f"{slip:.3g}", *columns, _unanswered(at)))
     heads = map(with_unit, PREDICTED)
-    caption = "The same at driven slips: median (equal-tailed 90 % interval); draws without an answer."
-    return Table(caption, "l" * (len(PREDICTED) + 2), (symbol("slip"), *heads, "no answer"), tuple(rows))
+    return Table(say("predicted"), "l" * (len(PREDICTED) + 2), (symbol("slip"), *heads, "no answer"), tuple(rows))
 
 
 def _bands(comparison: Comparison, table: pd.DataFrame, name: str) -> Markup:
@@ -213,15 +205,8 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
 def judged_section(comparison: Comparison) -> Blocks:
     """Evidence, cross-validation, fit and sampling of every result."""
     rows = [_judged(comparison, row) for row in comparison.evidences.to_dict("records")]
-    caption = Markup(
-        "Log evidence: log of the probability density of the readings, averaged over the prior after the "
-        "physical cut; it favours the result that foretold the readings better, and depends on the width of "
-        "the priors. Difference from {}: below 1 not worth more than a bare mention, to 3 positive, to 5 "
-        "strong, above very strong (Kass and Raftery 1995), and nothing below two standard errors. * the run "
-        "itself found that its evidence cannot be relied on: its true error may be much larger."
-    ).format(comparison.names[0])
     header = ("", "log evidence", "difference", "in words", "converged", "R-hat", "ESS", "model fit")
-    table = Table(caption, "lrrlcrrl", header, tuple(rows))
+    table = Table(say("judged", comparison.names[0]), "lrrlcrrl", header, tuple(rows))
     return (table, *_left_out(comparison))
 
 
@@ -258,12 +243,7 @@ def _left_out(comparison: Comparison) -> tuple[Table, ...]:
         name, elpd = str(row["result"]), " ± ".join(with_error(float(row["elpd"]), float(row["elpd_se"])))
         change = _difference(comparison, name, row["elpd_difference"], row["elpd_difference_se"])
         rows.append((coloured(comparison, name, name), elpd, change, str(row["elpd_word"])))
-    caption = Markup(
-        "Leave-one-out cross-validation by row: log density of every row’s readings, predicted from the "
-        "others (elpd ± standard error). Not distinguishable below {:.0f}, or two standard errors, of "
-        "difference."
-    ).format(INDISTINCT)
-    return (Table(caption, "lrrl", ("", "elpd", "difference", "in words"), tuple(rows)),)
+    return (Table(say("left_out", INDISTINCT), "lrrl", ("", "elpd", "difference", "in words"), tuple(rows)),)
 
 
 def _difference(comparison: Comparison, name: str, value: float, error: float) -> str:

@@ -30,31 +30,13 @@ from bayesterra.report.numbers import (
     rounded,
     with_error,
 )
+from bayesterra.report.sections import Prose
 from bayesterra.report.symbols import QUANTITIES, amount, angles, listed, symbol, unit, with_unit
 from bayesterra.report.verdicts import failed
 from bayesterra.study.page import crosscheck
 from bayesterra.study.result import Result, summary_rows
 
-RANKS = (
-    "Ranks of each ensemble's draws among all draws. Ensembles that sample the same distribution are flat; "
-    "grey: where 95 % of the steps lie then, for the effective number of draws. A slope or a hump outside "
-    "the grey means that an ensemble disagrees with the others."
-)
-TRACES = (
-    "Log density and parameters over the kept steps: median, 5 and 95 % of the walkers of each ensemble, "
-    "one shade each. Level bands that overlie each other mean that no ensemble is still on its way."
-)
-CORNER = (
-    "All pairs of parameters. Blue contours hold 50 and 90 % of the posterior, the grey area "
-    f"{100 * PRIOR_MASS:.0f} % of the prior after the physical cut; dashed lines and plus signs: posterior "
-    "mode; marks: point estimates. Long thin contours are trades between two parameters; where blue fills "
-    "the grey, the data say nothing."
-)
-CORRELATIONS = Markup(
-    "Correlation of every pair in the posterior (orange: rise together, violet: one rises as the other "
-    "falls). Framed: the groups bearing <i>P</i><sub>I</sub>, shearing <i>P</i><sub>II</sub>, contact "
-    "angles <i>P</i><sub>III</sub>. Strong colour outside the frames: the groups cannot be fitted apart."
-)
+say = Prose("outputs")
 
 
 def sampling_section(result: Result) -> Blocks:
@@ -63,7 +45,7 @@ def sampling_section(result: Result) -> Blocks:
     traces = photograph(analysis_figures.traces(result), "Traces of the log density and of every parameter")
     return (
         _checks(result), Text(_evidence(result.record)), *crosscheck(result.record), _chains(result),
-        Gallery("whole", (ranks,), RANKS), Gallery("whole", (traces,), TRACES),
+        Gallery("whole", (ranks,), say("ranks")), Gallery("whole", (traces,), say("traces")),
     )  # fmt: skip
 
 
@@ -74,22 +56,7 @@ def _evidence(record: Mapping[str, Any]) -> Markup:
         return Markup("{}").format(failed(record, "evidence"))
     z, error = with_error(evidence["log_z"], evidence["error"])
     share, share_error = with_error(evidence["log_share"], evidence["log_share_error"])
-    doubt = "" if evidence["reliable"] else f" {_doubt(evidence)}: the true error may be much larger."
-    return Markup(
-        "Log evidence {} ± {} for these readings under the stated prior, which is not renormalised after the "
-        "physical cut (log share left by it: {} ± {}). From {} draws of the pooled proposals, {:.0f} % "
-        "effective, Pareto k̂ {:.2f} (reliable to {:.2f}).{}"
-    ).format(
-        z, error, share, share_error, evidence["draws"], 100 * evidence["efficiency"], evidence["k_hat"],
-        evidence["limit"], doubt,
-    )  # fmt: skip
-
-
-def _doubt(evidence: Mapping[str, Any]) -> str:
-    """Doubt about an evidence that cannot be relied on."""
-    if evidence["k_hat"] is not None and evidence["k_hat"] <= evidence["limit"]:
-        return f"The ensembles’ own values lie {evidence['spread']:.2g} off (root mean square)"
-    return "The weights have a heavy tail"
+    return say("evidence", z, error, share, share_error, evidence)
 
 
 def _checks(result: Result) -> Table:
@@ -104,12 +71,7 @@ def _checks(result: Result) -> Table:
         for check in result.record["verdict"]["checks"]
     )
     sampling, settings = result.record["sampling"], result.record["settings"]
-    caption = Markup(
-        "Every check of the sampling: {} independent ensembles of {} walkers, {} steps kept, acceptance {}. "
-        "Walkers of one ensemble depend on each other, so R-hat compares ensembles only. All ensembles "
-        "follow one recipe from the prior on: a narrow mode far from the rest can escape every one of "
-        "them; then they agree, the evidence leaves that mode out, and no check here tells."
-    ).format(settings["ensembles"], settings["walkers"], sampling["steps"], plain(sampling["acceptance"], 2))
+    caption = say("checks", settings, sampling["steps"], plain(sampling["acceptance"], 2))
     return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
 
 
@@ -120,13 +82,8 @@ def _chains(result: Result) -> Table:
         effective = (plain(value) for value in (row.ess_bulk, row.ess_tail, tau.get(name)))
         errors = (plain(error, 2) for error in (row.mcse_mean, row.mcse_median, row.mcse_sd))
         rows.append((symbol(name), f"{row.r_hat:.4f}", *effective, *errors))
-    caption = (
-        "Effective number of draws for the centre (bulk) and the tails, autocorrelation time in steps, and "
-        "the Monte Carlo standard errors of mean, median and sd, in the parameter's unit: digits below "
-        "these errors mean nothing."
-    )
     header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
-    return Table(caption, "lrrrrrrr", header, tuple(rows))
+    return Table(say("chains"), "lrrrrrrr", header, tuple(rows))
 
 
 def posterior_section(result: Result) -> Blocks:
@@ -137,7 +94,8 @@ def posterior_section(result: Result) -> Blocks:
         width=1060,
     )
     heat = drawing(analysis_figures.correlations(result), "Correlations of all pairs of parameters")
-    return (_summary(result), Gallery("whole", (corner,), CORNER), Gallery("half", (heat,), CORRELATIONS))
+    pairs = Gallery("whole", (corner,), say("corner", 100 * PRIOR_MASS))
+    return (_summary(result), pairs, Gallery("half", (heat,), say("correlations")))
 
 
 def _summary(result: Result) -> Table:
@@ -148,13 +106,8 @@ def _summary(result: Result) -> Table:
         prior = moments(row.prior_mean, row.prior_sd)
         what = (symbol(name), angles(QUANTITIES[name].description), unit(name) or NOTHING)
         rows.append((*what, *values, plain(row.sd, 2), interval(*row.hdi), *prior))
-    caption = (
-        "Posterior of parameters and derived quantities. The mode is the densest point of all parameters "
-        "together; interval: 90 % highest-density interval. Sinkage moduli of different exponents do not "
-        "compare; bearing pressure and shear strength do."
-    )
     header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
-    return Table(caption, "lllrrrrrrr", header, tuple(rows))
+    return Table(say("summary"), "lllrrrrrrr", header, tuple(rows))
 
 
 def predictive_section(result: Result) -> Blocks:
@@ -175,12 +128,7 @@ def _bands(result: Result, wheel: str) -> Gallery:
     pictures = tuple(
         drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}") for name, axes in drawn.items()
     )
-    caption = Markup(
-        "Wheel {}: readings (dots, ± 1 sd; hollow: not in the fit), 50 and 90 % bands of new readings, "
-        "noise included, and their median, at {}. A channel that was not measured shows the modelled "
-        "values. {} About nine readings in ten should lie in the pale band."
-    ).format(wheel, result.study.drive.level, _lines(result))
-    return Gallery("small", pictures, caption)
+    return Gallery("small", pictures, say("bands", wheel, result.study.drive.level, _lines(result)))
 
 
 LINES = {
@@ -194,12 +142,7 @@ SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
 
 def _lines(result: Result) -> Markup:
     """Legend of the broken lines, those of the methods that gave every parameter."""
-    drawn = listed(f"{name} {LINES[name]}" for name in complete_soils(result))
-    if not drawn:
-        return Markup("")
-    return Markup(
-        "Broken lines: least squares, run by the same model: {}; they end where an estimate has no answer."
-    ).format(drawn)
+    return say("lines", listed(f"{name} {LINES[name]}" for name in complete_soils(result)))
 
 
 def _residuals(result: Result) -> Gallery:
@@ -208,12 +151,7 @@ def _residuals(result: Result) -> Gallery:
         for name in result.study.noise
     )
     marks = ", ".join(f"{name} {SIGNS[name]}" for name in complete_soils(result))
-    beside = f"; marks beside them: {marks}, hollow at the edge where they are farther out" if marks else ""
-    caption = (
-        "Residuals (reading − model) in standard deviations of the noise: bars hold 90 % of the draws, dots "
-        f"are their means{beside}. A run of one sign over slip would mean that the model has the wrong shape."
-    )
-    return Gallery("small", pictures, caption)
+    return Gallery("small", pictures, say("residuals", marks))
 
 
 FEW = 3
@@ -305,24 +243,12 @@ def _at_slips(
 def _remark(result: Result, slips: FloatArray) -> Markup:
     """Remark on where the numbers leave the driven slips."""
     row = summary_rows(result).get("peak_pull_slip")
-    sentences = [Markup("Modelled values without measurement noise.")]
-    if result.study.errors.discrepancy:
-        sentences.append(Markup("Those at slips hold the discrepancy, all others are the model’s alone."))
-    if row is None:
-        return sentences[0]
-    if row.hdi90_hi >= SLIP_GRID[-1] - 1e-9:
-        sentences.append(Markup("The greatest pull is searched up to slip {:.2g}.").format(SLIP_GRID[-1]))
-    if row.hdi90_hi > slips[-1]:
-        sentences.append(Markup("Above the last driven slip, {:.2g}, it is extrapolated.").format(slips[-1]))
-    return Markup(" ").join(sentences)
+    peak = row.hdi90_hi if row is not None else -np.inf
+    return say("remark", bool(result.study.errors.discrepancy), peak, SLIP_GRID[-1], slips[-1])
 
 
 def slip_table(result: Result, wheel: str) -> Table:
     """All outcomes at every driven slip of a wheel."""
     outcomes = tuple(str(name) for name in result.draws["curves"]["outcome"].to_numpy())
     header, rows = _at_slips(result, wheel, outcomes, driven_slips(result, wheel))
-    caption = Markup(
-        "Modelled outcomes of wheel {} at the driven slips, without measurement noise: median and "
-        "equal-tailed 90 % interval of the draws, read off the curves above."
-    ).format(wheel)
-    return Table(caption, "l" + "rr" * len(outcomes), header, rows)
+    return Table(say("slip_table", wheel), "l" + "rr" * len(outcomes), header, rows)

@@ -31,7 +31,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
 from bayesterra.report.numbers import interval, moments, resolution, rounded
-from bayesterra.report.sections import Draft, Section, VerdictPage
+from bayesterra.report.sections import Draft, Prose, Section, VerdictPage
 from bayesterra.report.symbols import QUANTITIES, angles, symbol
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict
@@ -39,6 +39,8 @@ from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import StripRow, crosscheck_line, keys, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
+
+say = Prose("run")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,12 +130,9 @@ def _priors(result: Result) -> Table:
         cut = moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
         what = (symbol(name), angles(PARAMETERS[name].description))
         body.append((*what, stated_law(name, entries[name]), *cut))
-    caption = (
-        f"Prior laws as stated in the study, {_joined(result.study)}; mean and standard deviation of the "
-        "prior after the physical cut, in the same unit. Wherever this report says prior, the cut one is "
-        "meant."
+    return Table(
+        say("priors", _joined(result.study)), "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body)
     )
-    return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
 
 
 def _joined(study: Study) -> str:

@@ -18,10 +18,12 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import INK, PRIOR, fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
-from bayesterra.report.sections import Draft, Section, VerdictPage, origin_rows
+from bayesterra.report.sections import Draft, Prose, Section, VerdictPage, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict, failed
+
+say = Prose("prior")
 
 FAIR, POOR = 0.5, 0.05
 """Shares of the stated prior that physics leaves, below which the cut shapes the prior, and rules it."""
@@ -65,9 +67,7 @@ def _support(result: PriorResult) -> Verdict:
     shares: dict[str, float] = dict(result.record["prior_support"]["shares"])
     inside = shares.pop("inside the support", 0.0)
     worst = max(shares, key=lambda reason: shares[reason], default="")
-    sentence = Markup("of the stated prior has an answer at every row.")
-    if worst:
-        sentence += Markup(" Most is cut because {} ({}).").format(angles(worst), share(shares[worst]))
+    sentence = say("support", angles(worst), share(shares.get(worst, 0.0)))
     grade = "good" if inside >= FAIR else "doubtful" if inside >= POOR else "bad"
     return Verdict("Physics leaves", share(inside), grade, sentence)
 
@@ -117,20 +117,15 @@ def _prior_section(result: PriorResult) -> Blocks:
          *_numbers(rows.get(name)))
         for name in PARAMETERS if name in entries
     )  # fmt: skip
-    caption = (
-        "Prior laws as stated, independent of each other; beside them the prior after the physical cut: "
-        "median, mean, standard deviation and 90 % highest-density interval, in the same unit."
-    )
     header = ("", "parameter", "stated law", "median", "mean", "sd", "90 % HDI")
     pictures = tuple(
         drawing(prior_density(result, name), f"Prior of {PARAMETERS[name].description}") for name in result.names
     )
-    shown = "Grey: draws of the prior after the physical cut. Line: the law as stated. Where they differ, physics"
     return (
-        Table(caption, "lllrrrr", header, body),
+        Table(say("laws"), "lllrrrr", header, body),
         *prior_sources(result.study),
         Text(support(result.record["prior_support"])),
-        Gallery("tiny", pictures, f"{shown} has already said something."),
+        Gallery("tiny", pictures, say("densities")),
     )
 
 
@@ -150,12 +145,7 @@ def _predictive_section(result: PriorResult) -> Blocks:
         pictures = tuple(
             drawing(prior_bands(result, n, wheel=wheel), f"{CHANNELS[n].description}, wheel {wheel}") for n in channels
         )
-        caption = Markup(
-            "Wheel {}: what the prior predicts over slip at the given load or sinkage: 50 and 90 % bands and "
-            "median of the modelled values; broken lines: 90 % of readings, noise included. Ticks: slips of "
-            "the table. A reading outside would contradict the prior."
-        ).format(wheel)
-        galleries.append(Gallery("small", pictures, caption))
+        galleries.append(Gallery("small", pictures, say("bands", wheel)))
     return (*galleries, _rows(result))
 
 
@@ -164,9 +154,8 @@ def _rows(result: PriorResult) -> Table:
     for row in result.predictive.to_dict("records"):
         what = (str(row["row"]), row["wheel"], f"{row['slip']:.4g}", with_unit(row["channel"]))
         body.append((*what, *estimate(row["q50"], row["q05"], row["q95"]), share(row["no_answer"])))
-    caption = "Readings of every row that the prior predicts, noise included; share of draws without an answer."
     header = ("row", "wheel", symbol("slip"), "channel", "median", "90 %", "no answer")
-    return Table(caption, "llrlrrr", header, tuple(body))
+    return Table(say("rows"), "llrlrrr", header, tuple(body))
 
 
 def _derived_section(result: PriorResult) -> Blocks:
@@ -175,11 +164,8 @@ def _derived_section(result: PriorResult) -> Blocks:
         (symbol(name), angles(DERIVED[name].description), unit(name) or NOTHING, *_numbers(row))
         for name, row in rows.items()
     )
-    caption = (
-        "Quantities that follow from the soil, for the first wheel under the load of the table, before any reading."
-    )
     header = ("", "quantity", "unit", "median", "mean", "sd", "90 % HDI")
-    return (Table(caption, "lllrrrr", header, body),)
+    return (Table(say("derived"), "lllrrrr", header, body),)
 
 
 def _reproduce(result: PriorResult) -> Table:

@@ -27,9 +27,11 @@ from bayesterra.parameters import CHANNELS, PARAMETERS, whole_and_part
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, plain, signed
-from bayesterra.report.sections import Section, VerdictPage, in_a_line, origin_rows
+from bayesterra.report.sections import Prose, Section, VerdictPage, in_a_line, origin_rows
 from bayesterra.report.symbols import QUANTITIES, listed, symbol
 from bayesterra.report.verdicts import Verdict
+
+say = Prose("calibration")
 
 HIGH_POWER, SOME_POWER = 0.9, 0.5
 
@@ -73,10 +75,7 @@ def _warning(calibration: Calibration) -> Markup:
         return Markup("")
     tests = calibration.tests
     worst = tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4)
-    return Markup(
-        "True values are <b>not distributed like draws</b> of their posteriors: {}. Intervals of this "
-        "configuration do not hold what they promise."
-    ).format(listed(tendency(row) for row in worst.to_dict("records")))
+    return say("warning", listed(tendency(row) for row in worst.to_dict("records")))
 
 
 def tendency(row: Mapping[Any, Any]) -> Markup:
@@ -116,11 +115,8 @@ def p_text(p: float) -> str:
 def _sampling(calibration: Calibration) -> Verdict:
     n = len(calibration.table)
     unsettled, failed = calibration.unsettled, n - calibration.ranked
-    but = f", but for {failed} that failed" if failed else ""
-    sentence = Markup("{} of {} replications did not converge; at most {} % may. They are ranked too{}.").format(
-        unsettled, n, f"{100 * UNSETTLED:g}", but
-    )
     grade = "good" if not unsettled else "doubtful" if unsettled <= UNSETTLED * n else "bad"
+    sentence = say("sampling", unsettled, n, UNSETTLED, failed)
     return Verdict("Sampling", f"{n - unsettled} of {n} converged", grade, sentence)
 
 
@@ -148,20 +144,11 @@ def _ranks_section(calibration: Calibration) -> Blocks:
         drawing(rank_ecdf(calibration, name), f"Distribution of the ranks of {name}, less the uniform one")
         for name in calibration.tested
     )
-    caption = Markup(
-        "For each quantity the share of true values below each rank among {} draws, less the uniform share. "
-        "Dark grey holds the whole curve of a right posterior with probability 0.95; pale grey is the "
-        "verdict’s own band, with probability {} for each quantity and {} for all together. Curves like "
-        "∪∩ mean draws too wide, ∩∪ too narrow; all above zero means draws too high, all below too low."
-    ).format(DRAWS, f"{1 - calibration.threshold:.4f}", f"{1 - LEVEL:g}")
+    caption = say("ranks", DRAWS, f"{1 - calibration.threshold:.4f}", f"{1 - LEVEL:g}")
     header: tuple[Cell, ...] = ("quantity", "ranks", "p", "verdict", "shift [sd]", "width")
     rows = tuple(_test_row(row) for row in calibration.tests.to_dict("records"))
     error = 1 / np.sqrt(max(calibration.ranked, 1))
-    below = Markup(
-        "p of the simultaneous test; below {} a quantity fails. Shift and width are those of a Gaussian "
-        "posterior with such ranks, in units of the right standard deviation (0 and 1 where all is right; "
-        "standard errors {} and {}). Constant: the prior is flat, there is nothing to rank."
-    ).format(p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
+    below = say("ranks_below", p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
     return (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows))
 
 
@@ -181,11 +168,7 @@ def _coverage_section(calibration: Calibration) -> Blocks:
     rows = tuple(_coverage_row(row) for row in tests.to_dict("records"))
     n = max(calibration.ranked, 1)
     errors = listed(f"{100 * np.sqrt(level * (1 - level) / n):.1f}" for level in COVERAGES)
-    caption = Markup(
-        "Share of true values inside the central intervals, in %. Binomial standard errors of right ones: "
-        "{}. Bold: farther off than three of them; the verdict rests on the test above."
-    ).format(errors)
-    return (Table(caption, "lrrrr", header, rows),)
+    return (Table(say("coverage", errors), "lrrrr", header, rows),)
 
 
 def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -203,11 +186,7 @@ def _power_section(calibration: Calibration) -> Blocks:
     header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
     power = calibration.power.to_dict("records")
     rows = tuple((row["error"], percent(row["one"]), percent(row["all"])) for row in power)
-    caption = Markup(
-        "Chance that {} replications would have noticed an error of a Gaussian posterior, at the threshold "
-        "of one quantity, by simulated ranks: what “calibrated” can mean here. Other quantities add to it."
-    ).format(calibration.ranked)
-    return (Table(caption, "lrr", header, rows),)
+    return (Table(say("power", calibration.ranked), "lrr", header, rows),)
 
 
 def _replications_section(calibration: Calibration) -> Blocks:
@@ -222,12 +201,7 @@ def _replications_section(calibration: Calibration) -> Blocks:
     ]
     failed = table[table["status"] == FAILED].head(5).to_dict("records")
     rows += [(f"failed: number {row['task']}", row["note"]) for row in failed]
-    caption = Markup(
-        "Each replication draws true values from the prior cut to the physical support, readings from them "
-        "under the study’s conditions and noise, and samples the posterior of these with the sampler of "
-        "every run, until there are enough effective draws for {} near-independent ones."
-    ).format(DRAWS)
-    return (Table(caption, "lr", ("", ""), tuple(rows)),)
+    return (Table(say("replications", DRAWS), "lr", ("", ""), tuple(rows)),)
 
 
 def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
@@ -242,14 +216,7 @@ def _reproduce_section(calibration: Calibration) -> Blocks:
         ("settings", in_a_line(record["settings"])),
         *origin_rows(record, "study", "data"),
     )
-    method = Text(
-        Markup(
-            "Ranks: Talts et al. 2018; quantities of readings and parameters: Modrák et al. 2023; "
-            "simultaneous bands: Säilynoja et al. 2022, from {} simulations. Ties are broken at random."
-        ).format(SIMULATIONS)
-    )
-    caption = "The same study, seed and versions give the same ranks on one machine, with any number of workers."
-    return (method, Table(caption, "ll", ("", ""), rows))
+    return (Text(say("reproduce", SIMULATIONS)), Table(say("repeat"), "ll", ("", ""), rows))
 
 
 @styled

@@ -21,10 +21,12 @@ from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, number, plain
-from bayesterra.report.sections import Section, VerdictPage, origin_rows
+from bayesterra.report.sections import Prose, Section, VerdictPage, origin_rows
 from bayesterra.report.symbols import listed, symbol, with_unit
 from bayesterra.report.verdicts import Verdict
 from bayesterra.study.observations import Observations
+
+say = Prose("holdout")
 
 PARTS = {"all": "all", "inner": "interpolated", "end": "extrapolated"}
 MARKED = 0.05
@@ -57,9 +59,7 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
 
 def _warning(holdout: Holdout) -> Markup:
     wrong = [outcome.level for outcome in holdout.outcomes if outcome.status != "converged"]
-    if not wrong:
-        return Markup("")
-    return Markup("The fit has <b>not converged</b> without {}: do not rely on its predictions.").format(listed(wrong))
+    return say("warning", listed(wrong))
 
 
 def _prediction(holdout: Holdout) -> Verdict:
@@ -112,16 +112,11 @@ def _refits(holdout: Holdout) -> Verdict:
 
 def _rows_section(holdout: Holdout) -> Blocks:
     picture = drawing(all_left_out(holdout.table), "Left-out readings and their predictive intervals")
-    caption = Markup(
-        "Every left-out reading (dot) with the central 50 and 90 % of what was predicted for it by fits that "
-        "have not seen its level: model, polynomial, Gaussian process. Grey ground: slips beyond those of "
-        "the training rows."
-    )
     own = holdout.table[holdout.table["predictor"] == holdout.model]
     marked = own[own["no_answer"] > MARKED].drop_duplicates("row")
     entries = [f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy()]
     sentence = Markup("Draws for which the model has no answer were set aside at {}.").format(listed(entries))
-    return (Gallery("whole", (picture,), caption), *((Text(sentence),) if entries else ()))
+    return (Gallery("whole", (picture,), say("rows")), *((Text(sentence),) if entries else ()))
 
 
 def _scores_section(holdout: Holdout) -> Blocks:
@@ -130,19 +125,10 @@ def _scores_section(holdout: Holdout) -> Blocks:
         "not scored",
     )  # fmt: skip
     rows = tuple(_score_row(row) for row in holdout.summary.to_dict("records"))
-    caption = Markup(
-        "Mean scores in the unit of the channel (the smaller the better; the absolute error of a law without "
-        "width) and shares of readings inside the central intervals. Standard errors are from the spread "
-        "between levels, as rows of one level are not independent; with few levels they are rough, and 0 "
-        "says no more than that all agree. A reading without a prediction counts as not covered."
-    )
     against = tuple(_skill_row(row) for row in holdout.skills.to_dict("records"))
     head: tuple[Cell, ...] = ("against", "", "rows", "skill", "90 %", "levels won")
-    below = Markup(
-        "Skill: 1 − mean CRPS of {} / mean CRPS of the baseline, with the central 90 % when levels are drawn "
-        "again with replacement. Positive: the model is better."
-    ).format(holdout.model)
-    return (Table(caption, "lllrrrrrrrr", header, rows), Table(below, "lllrrr", head, against))
+    skills = Table(say("skills", holdout.model), "lllrrr", head, against)
+    return (Table(say("scores"), "lllrrrrrrrr", header, rows), skills)
 
 
 def _score_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -165,22 +151,11 @@ def _skill_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 def _bands_section(holdout: Holdout) -> Blocks:
     picture = drawing(bands_without(holdout), "Predictive bands of the fits without each level")
-    caption = Markup(
-        "The model fitted without each level: median and 90 % of readings over slip at the median load. "
-        "Dots: training rows; rings: the rows left out."
-    )
-    return (Gallery("whole", (picture,), caption),)
+    return (Gallery("whole", (picture,), say("bands")),)
 
 
 def _method_section(holdout: Holdout) -> Blocks:
-    text = Markup(
-        "One level at a time is left out and the posterior of all other rows is sampled. Of a left-out row "
-        "{} stay known; everything else that was read is predicted, noise included. The predictive law is "
-        "the mixture of the laws of a reading over posterior draws; its CRPS is exact (Grimit et al. 2006). "
-        "Draws without an answer are set aside, as the drive was made. Baselines ({}) are fitted to the "
-        "same training rows and conditions and find the noise there themselves; the model is told the noise "
-        "of the study. The polynomial’s degree, 1 to 3, predicts left-out training levels best. {}"
-    ).format(holdout.study.drive.plan, ", ".join(BASELINES), holdout.record.get("basis", ""))
+    text = say("method", holdout.study.drive.plan, ", ".join(BASELINES), holdout.record.get("basis", ""))
     refits = tuple(
         (row["level"], row["rows"], row["status"], plain(row["ess"]), plain(row["r_hat"], 4), row["note"])
         for row in holdout.refits.to_dict("records")

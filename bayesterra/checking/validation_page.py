@@ -26,12 +26,14 @@ from bayesterra.parameters import CHANNELS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
 from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, fan, label, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, probability, resolution, rounded
-from bayesterra.report.sections import Section
-from bayesterra.report.symbols import amount, listed, symbol, symbols, unit
+from bayesterra.report.sections import Prose, Section
+from bayesterra.report.symbols import amount, listed, symbol, unit
 from bayesterra.report.verdicts import failed
 from bayesterra.stats.diagnostics import calibrated, ecdf_band
 from bayesterra.stats.mixture import pareto_limit
 from bayesterra.study.result import Result
+
+say = Prose("validation")
 
 PRIOR_WORDS = {"mean": "mean", "slope": "slope over slip", "largest": "largest reading"}
 
@@ -49,10 +51,7 @@ def misfit_warning(
     words: Markup, check: str = "units, loads and priors", then: str = "another model, or a [discrepancy]"
 ) -> Markup:
     """Warning that opens a page where the model cannot make readings like these."""
-    return Markup(
-        "The model does <b>not fit</b> these readings: {} Intervals and verdicts below would hold only if it "
-        "did. What to do: check {}; then {}."
-    ).format(words, check, then)
+    return say("misfit_warning", words, check, then)
 
 
 def misfit_text(words: str, check: str = "units, loads and priors") -> str:
@@ -67,14 +66,7 @@ def _statistics(result: Result, checks: PredictiveChecks) -> Table:
     rows = tuple(
         (TEST_STATISTICS[name].words, *(_cell(cells.get((channel, name))) for channel in channels)) for name in names
     )
-    caption = Markup(
-        "Posterior-predictive checks. First figure: share of {} replicated tables, each with a posterior of "
-        "its own, that are as strange in this statistic; in brackets: <i>p</i>, the posterior-predictive "
-        "probability of a larger value, which alone is too lenient. Residuals are in standard deviations of "
-        "the noise. Single figures below {:g} are bold; with so many of them some are to be expected. What "
-        "decides is the overall <i>p</i>, the share of replicated tables whose strangest statistic is as "
-        "strange as the strangest here: doubtful below {:g}, bad below {:g}.{}"
-    ).format(checks.replicates, PAIR, DOUBT, ALARM, estimated_noise(result.study))
+    caption = say("statistics", checks.replicates, PAIR, DOUBT, ALARM, estimated_noise(result.study))
     return Table(caption, "l" + "r" * len(channels), ("", *(symbol(c) for c in channels)), rows)
 
 
@@ -90,22 +82,10 @@ def prior_predictive(result: Result) -> Block:
     checks = Validation.from_record(result.record).prior
     if checks is None:
         return Text(failed(result.record, "prior_checks", "prior_predictive"), "bad")
-    word = (
-        "The readings contradict the prior: they lie where it predicts next to nothing."
-        if checks.conflict
-        else "The prior can predict such readings."
-        if checks.checks
-        else "There is nothing to judge."
+    judged = any(check.channel == "normal_force" for check in checks.checks)
+    caption = say(
+        "prior_predictive", checks, probability(checks.overall), CONFLICT, result.study.drive.latent_load and not judged
     )
-    if result.study.drive.latent_load and all(check.channel != "normal_force" for check in checks.checks):
-        word += (
-            " Loads are taken as the normal force of each row tells them: the range of loads is one to"
-            " integrate over and no belief, so the normal force itself and rows without one are not judged."
-        )
-    caption = Markup(
-        "Prior-predictive check: statistics of the readings beside what draws of the prior predict. {} "
-        "Overall <i>p</i> {} (smallest <i>p</i> times the number of statistics; conflict below {:g})."
-    ).format(word, probability(checks.overall), CONFLICT)
     header = ("channel", "statistic", "unit", "readings", "90 % of the prior", Markup("<i>p</i>"))
     return Table(caption, "lllrrr", header, tuple(map(_prior_row, checks.checks)))
 
@@ -123,13 +103,8 @@ def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
 def cross_validation_section(result: Result) -> Blocks:
     """Every row predicted by the others."""
     loo = CrossValidation.from_record(result.record["loo"])
-    total = Markup(
-        "Sum of the log densities with which every row is predicted by all others: elpd {} ± {} (standard "
-        "error from the spread between {} rows). Only differences between models for the same readings mean "
-        "something, and those below {:g} or below two of their own standard errors do not distinguish them. "
-        "The fit uses {} effective parameters."
-    ).format(rounded(loo.elpd, 0.1), rounded(loo.se, 0.1), len(loo.rows), INDISTINCT,
-             rounded(loo.effective_parameters, 0.1))  # fmt: skip
+    figures = (rounded(value, 0.1) for value in (loo.elpd, loo.se, loo.effective_parameters))
+    total = say("cross_validation", len(loo.rows), INDISTINCT, *figures)
     return (*_levels(result), Text(total), _rows(result, loo), *_pit(result, loo))
 
 
@@ -141,14 +116,8 @@ def _levels(result: Result) -> tuple[Table, ...]:
          probability(count.few), plain(count.crps), plain(count.curve), unit(count.channel))
         for count in found
     )  # fmt: skip
-    caption = (
-        "Levels left out one at a time, all their rows together; slip, wheel and load stay known. Inside: "
-        "readings that lie in the 90 % interval that a fit to the others predicts. p: probability of as few "
-        "levels inside, were the intervals right. CRPS: mean score of these predictions, the smaller the "
-        "better; of a curve: of a polynomial over slip, fitted to the same rows."
-    )
     header = ("left out", "", "inside 90 %", "levels", Markup("<i>p</i>"), "CRPS", "of a curve", "unit")
-    return (Table(caption, "llrrrrrl", header, rows),) if rows else ()
+    return (Table(say("levels"), "llrrrrrl", header, rows),) if rows else ()
 
 
 def _rows(result: Result, loo: CrossValidation) -> Table:
@@ -158,14 +127,8 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
          rounded(before - row.elpd, 0.01), f"{row.k:.2f}", "new sampling" if row.refitted else "weights")
         for row, before in zip(loo.rows, loo.full, strict=True)
     )  # fmt: skip
-    caption = Markup(
-        "Rows left out one at a time, with all their readings; slip and load stay known. Loss: how much "
-        "worse a row is predicted than fitted; large values mark rows that the others do not foresee. Pareto "
-        "k̂: above {:.2f} weights from the full posterior cannot be relied on. Rows with a greater k̂, and all "
-        "rows of tables with fewer than {}, are left out by a new sampling."
-    ).format(pareto_limit(4000), FEW_ROWS)
     header = ("row", symbol("slip"), "elpd", "Monte Carlo error", "loss", "k̂", "left out by")
-    return Table(caption, "lrrrrrl", header, rows)
+    return Table(say("rows", pareto_limit(4000), FEW_ROWS), "lrrrrrl", header, rows)
 
 
 def _pit(result: Result, loo: CrossValidation) -> Blocks:
@@ -173,13 +136,7 @@ def _pit(result: Result, loo: CrossValidation) -> Blocks:
         return ()
     pictures = tuple(drawing(loo_pit(result, name), f"LOO-PIT of {CHANNELS[name].description}") for name in loo.pit)
     outside = [name for name, values in loo.pit.items() if not calibrated(values)]
-    sentence = Markup("{} leaves the band.").format(symbols(outside) or "No channel")
-    caption = Markup(
-        "LOO-PIT: where each reading lies in what the other rows predict for it. Drawn is the share of "
-        "values below, less the uniform one; grey: simultaneous 95 % band. An arch means an offset, an S "
-        "that the noise is over- or understated. {}"
-    ).format(sentence)
-    return (Gallery("small", pictures, caption),)
+    return (Gallery("small", pictures, say("pit", outside)),)
 
 
 @styled
@@ -313,16 +270,9 @@ def missed_sections(result: Result) -> tuple[Section, ...]:
     pictures = tuple(
         drawing(discrepancy(curve), f"Error of the {CHANNELS[curve.channel].description} over slip") for curve in curves
     )
-    caption = Markup(
-        "Discrepancy <i>δ</i> of the model over slip{}: bands of 50 and 90 % and the median; dots: reading "
-        "less model without discrepancy, at its median. Dots can lie beside the band where <i>δ</i> and the "
-        "parameters trade off."
-    ).format(f", wheels {', '.join(dict.fromkeys(curve.wheel for curve in curves))}" if several else "")
-    use = Markup(
-        "Curves, predictions and checks of {} hold the discrepancy; of another wheel its prior alone is "
-        "known. Derived quantities (greatest pull and the like) are those of the model alone."
-    ).format(listed(result.study.wheels))
-    blocks += [Gallery("small", pictures, caption), *_trades(curves, several=several), Text(use)]
+    wheels = dict.fromkeys(curve.wheel for curve in curves)
+    blocks.append(Gallery("small", pictures, say("missed", ", ".join(wheels) if several else "")))
+    blocks += [*_trades(curves, several=several), Text(say("missed_use", listed(result.study.wheels)))]
     return (Section("missed", "What the model misses", tuple(blocks)),)
 
 
@@ -332,11 +282,7 @@ def _sentence(result: Result, curve: Missed, *, several: bool) -> Markup:
     head = Markup("{}’s {}{}").format(result.study.model.name, CHANNELS[curve.channel].description, of)
     if not curve.stretches:
         most = plain(float(np.abs(curve.bands[[0, -1]]).max()) / CHANNELS[curve.channel].scale, 2)
-        text = Markup(
-            "Whether {} is off at any one slip, the readings leave open: the 90 % band of its error holds 0 "
-            "everywhere, and reaches {} at most."
-        )
-        return text.format(head, amount(curve.channel, most))
+        return say("open_sign", head, amount(curve.channel, most))
     return Markup("{} is {}.").format(head, listed(_part(curve, stretch) for stretch in curve.stretches))
 
 
@@ -369,12 +315,7 @@ def _trades(curves: list[Missed], *, several: bool) -> tuple[Text, ...]:
             )  # fmt: skip
     if not shares:
         return ()
-    text = Markup(
-        "Much of this the soil’s parameters could explain as well, and the readings do not say which it is. "
-        "Share of the posterior variance that goes with the parameters: {}. There the intervals of these "
-        "parameters rest on the prior of the discrepancy."
-    )
-    return (Text(text.format(listed(shares)), "bad"),)
+    return (Text(say("trades", shares), "bad"),)
 
 
 @styled

@@ -17,9 +17,11 @@ from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, figure_of, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, given, plain, resolution, rounded, with_error
-from bayesterra.report.sections import Section, VerdictPage
+from bayesterra.report.sections import Prose, Section, VerdictPage
 from bayesterra.report.symbols import amount, listed, symbol, symbols, with_unit
 from bayesterra.report.verdicts import Verdict
+
+say = Prose("design")
 
 SHOWN = 15
 """Rows of the ranking on the page; the table in the folder has all."""
@@ -57,10 +59,7 @@ def _warning(design: Design) -> Markup:
     lost = 1 - design.together[-1].answered
     if lost <= UNANSWERED:
         return Markup("")
-    return Markup(
-        "The model has <b>no answer</b> for {} % of the draws at what is recommended: figures hold for the "
-        "others only, and the wheel may not get through."
-    ).format(f"{100 * lost:.0f}")
+    return say("warning", f"{100 * lost:.0f}")
 
 
 def words(candidate: Candidate) -> str:
@@ -116,23 +115,12 @@ def _certainty(design: Design) -> Verdict:
 
 def _ranking_section(design: Design) -> Blocks:
     picture = drawing(gain_over_slip(design), "Expected information against slip")
-    caption = Markup(
-        "Expected information of one more drive about {}, with a band of two Monte Carlo errors. Rings: "
-        "recommended. Grey ground: slips that were not driven. One bit halves what is plausible."
-    ).format(symbols(design.about))
     header = ("", "drive", "read", "gain [bit]", "± ", "behind [bit]", "± ", *_heads(design))
     rows = tuple(_row(design, rank, i) for rank, i in enumerate(design.ranking.order[:SHOWN], start=1))
-    more = len(design.candidates) - SHOWN
-    below = Markup(
-        "The best candidates as single additions{}. Now the standard deviations are {}. “!”: no answer for "
-        "over {} % of the draws."
-    ).format(
-        f"; {more} more in design.csv" if more > 0 else "",
-        listed(_now(design, i) for i in range(len(design.about[:FEW]))),
-        f"{100 * UNANSWERED:g}",
-    )
+    now = listed(_now(design, i) for i in range(len(design.about[:FEW])))
+    below = say("ranking_below", len(design.candidates) - SHOWN, now, f"{100 * UNANSWERED:g}")
     table = Table(below, "rll" + "r" * (len(header) - 3), header, rows)
-    return (Gallery("whole", (picture,), caption), table)
+    return (Gallery("whole", (picture,), say("ranking", symbols(design.about))), table)
 
 
 def _now(design: Design, column: int) -> Markup:
@@ -160,12 +148,8 @@ def _plan_section(design: Design) -> Blocks:
         (str(number), candidate.where, *_gain(estimate), *_after(design, estimate))
         for number, (candidate, estimate) in enumerate(zip(design.chosen, design.together, strict=True), 1)
     )
-    bound = " Too few draws remain effective: gains are lower bounds, by regression."
-    caption = Markup("All recommended drives; each line with those above it.{}").format(
-        bound if design.method == "regression" else ""
-    )
     header = ("", "drive", "together [bit]", "± ", *_heads(design))
-    return (Table(caption, "rl" + "r" * (len(header) - 2), header, rows),)
+    return (Table(say("plan", design.method), "rl" + "r" * (len(header) - 2), header, rows),)
 
 
 def _heads(design: Design) -> list[Cell]:
@@ -178,26 +162,8 @@ def _after(design: Design, estimate: Estimate) -> list[str]:
 
 
 def _method_section(design: Design) -> Blocks:
-    by = {
-        "information": "the information about the parameters of interest together",
-        "sd": "the mean log shrinking of the standard deviation of each parameter of interest",
-    }[design.by]
-    basis = {
-        "posterior": "Everything is averaged over the posterior as it stands",
-        "prior": "Everything is averaged over the prior, cut to what physics allows; no readings are used",
-    }[design.situation.source]
-    how = {
-        "mixture": "p(y) is the mean density of a reading over all draws, without the bias of its logarithm",
-        "regression": "a reading leaves too few effective draws, so gains are lower bounds, from a "
-        "regression of the parameters’ normal scores on readings, their squares and products",
-    }[design.ranking.method]
-    text = Markup(
-        "{}. The expected information is the mutual information between a reading y and the parameters "
-        "(Lindley 1956); {}. For some of the parameters, the information that y has about the others once "
-        "these are known is taken off. What is maximised is {}. Several drives are chosen one after the "
-        "other and then exchanged one at a time. Errors come from leaving out {} groups of draws in turn. A "
-        "gain trusts the model: it does not see what the model has wrong at slips that nobody drove."
-    ).format(basis, how, by, design.ranking.estimates[0].replicates.shape[0] - 1)
+    groups = design.ranking.estimates[0].replicates.shape[0] - 1
+    text = say("method", design.situation.source, design.ranking.method, design.by, groups)
     rows: tuple[tuple[Cell, ...], ...] = (
         ("draws", given(len(design.situation.draws))),
         ("seed", given(design.seed)),

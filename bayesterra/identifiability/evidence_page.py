@@ -20,16 +20,11 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Record, Table, Text, drawing, records
 from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, PRIOR, label, name_cells, own_axes, styled
 from bayesterra.report.numbers import NOTHING, number, plain, signed
-from bayesterra.report.sections import origin_rows
+from bayesterra.report.sections import Prose, origin_rows
 from bayesterra.report.symbols import in_symbols, symbol, symbols, unit
 from bayesterra.study.result import COUPLED, Result, identifiability_rows
 
-GROUPS = Markup(
-    "Directions of each group of parameters whose variance shrinks tenfold or more, in normal scores of the "
-    "prior after the cut. Effective: sum of their contractions; by the cut: what the physical cut alone had "
-    "contracted of the stated prior, which is no information in the data. Others known: were all parameters "
-    "outside the group known."
-)
+say = Prose("identify")
 
 
 def marginal(directions: Mapping[str, Any]) -> list[Mapping[str, Any]]:
@@ -41,36 +36,11 @@ def identifiability_section(result: Result) -> Blocks:
     """Section on what the data determine."""
     bars = drawing(contraction(result), "Contraction of every parameter")
     cells = drawing(combinations(result), "Weights of the parameters in the combinations, best determined first")
-    caption = Markup(
-        "Left: contraction 1 − var(posterior)/var(prior) of each parameter, of its logarithm where the prior "
-        "is a law of that, with the limits {:.1f} and "
-        "{:.1f}. Right: the independent combinations of parameters, best determined first, with their own "
-        "contraction; weights in units of the prior's sd. Combinations at the bottom are what a next "
-        "measurement should aim at."
-    ).format(WEAK, DETERMINED)
     groups = _groups(result.record.get("directions", {}))
-    more = Text(
-        Markup(
-            "<code>bayesterra identify DIR</code>, with the folder of this report for DIR, shows the rest: "
-            "profiles of the likelihood, what compensates what, coupling of the groups, and "
-            "where these methods disagree with a verdict."
-        )
-    )
-    return (Text(_meaning()), _verdicts(result), *groups, Gallery("half", (bars, cells), caption), more)
-
-
-def _meaning() -> Markup:
-    return Markup(
-        "A parameter is <b>determined</b> where its variance shrinks by {:.0f} % or more (sd below a third "
-        "of the prior's), but <b>one-sided</b> where it then leans on a bound of its prior: that end is not "
-        "from the data. Otherwise it is <b>coupled</b> where the data tie it to others that are not "
-        "determined either: correlation {:g} or stronger with one of them, or multiple correlation <i>R</i> "
-        "of {:g} or more with all of them together. Else it is <b>weakly</b> determined from {:.0f} % on. "
-        "Below that it has <b>moved</b> where its law is another one than the prior's (mean shifted by {:g} "
-        "sd or more, or {:.3f} nats between the laws): prior and data disagree. Else it "
-        "<b>repeats its prior</b>. It is <b>structurally not determined</b> where no readings of this design "
-        "could tell it, however many and good: none depends on it, or others make up for any change of it."
-    ).format(100 * DETERMINED, COUPLED, COUPLED_TO_ALL, 100 * WEAK, SHIFT, MOVED)
+    return (
+        Text(say("meaning", 100 * DETERMINED, COUPLED, COUPLED_TO_ALL, 100 * WEAK, SHIFT, MOVED)), _verdicts(result),
+        *groups, Gallery("half", (bars, cells), say("contraction", WEAK, DETERMINED)), Text(say("more")),
+    )  # fmt: skip
 
 
 def _verdicts(result: Result) -> Table:
@@ -86,15 +56,14 @@ def _verdicts(result: Result) -> Table:
         for name, row in identifiability_rows(result).items()
     )
     header = ("", "verdict", "contraction", "strongest coupling", "correlation", Markup("<i>R</i>"))
-    caption = "Verdict of every parameter; couplings with parameters that are not determined."
-    return Table(caption, "llrlrr", header, rows)
+    return Table(say("verdicts"), "llrlrr", header, rows)
 
 
 def _groups(directions: Mapping[str, Any]) -> Blocks:
     """Counts per group, and what the design cannot see; nothing where an older version did not count."""
     rows = tuple(count_row(row) for row in directions.get("groups", ()))
     header = ("group", "others", "determined", "effective", "by the cut")
-    table = (Table(GROUPS, "llrrr", header, rows),) if rows else ()
+    table = (Table(say("groups"), "llrrr", header, rows),) if rows else ()
     unseen = directions.get("unseen", ())
     said = (in_symbols(f"{words[:1].upper()}{words[1:]}.") for words in unseen)
     return (*table, *(Text(Markup("By the design: {}").format(words)) for words in said))
@@ -198,19 +167,9 @@ def coupling_section(coupling: Coupling) -> Blocks:
 
 def _couplings(coupling: Coupling) -> Gallery:
     pictures = [drawing(coupling_map(coupling), "Normal-score correlations of every pair of parameters")]
-    left = (
-        "Correlation of normal scores of every pair: posterior below the diagonal, prior after the cut above "
-        "it. A star: nearest neighbours find more dependence than that, or less. Framed: the groups bearing "
-        "<i>P</i><sub>I</sub>, shearing <i>P</i><sub>II</sub>, contact angles <i>P</i><sub>III</sub>."
-    )
-    right = ""
     if len(coupling.between):
         pictures.append(drawing(group_coupling(coupling), "Mutual information of the parameter groups"))
-        right = (
-            " Right: mutual information of the groups, from normal scores (bars) and from nearest neighbours "
-            "(circles, ± 1 standard error)."
-        )
-    return Gallery("half", tuple(pictures), Markup(left + right))  # noqa: S704 (constants)
+    return Gallery("half", tuple(pictures), say("couplings", len(pictures) > 1))
 
 
 def _between(coupling: Coupling) -> Table:
@@ -227,11 +186,7 @@ def _between(coupling: Coupling) -> Table:
         for row in records(coupling.between)
     )
     header = ("groups", "normal scores", "neighbours", "by chance", "of the prior")
-    caption = (
-        "Mutual information of the groups in nats; what independent draws would seem to have by chance (95 % "
-        "of times less); and that of the prior after the cut, which is none of the data’s doing."
-    )
-    return Table(caption, "lrrrr", header, rows)
+    return Table(say("between"), "lrrrr", header, rows)
 
 
 def information_section(information: Information) -> Blocks:
@@ -239,12 +194,8 @@ def information_section(information: Information) -> Blocks:
     bars = drawing(contraction_bars(information), "Contraction of every parameter by the data and by the cut")
     rows = tuple(map(count_row, records(information.counts)))
     header = ("group", "others", "determined", "effective", "by the cut")
-    caption = (
-        "What the data contract of the prior after the physical cut, and what the cut had contracted before: "
-        "the latter is no information in the data."
-    )
-    table = Table(GROUPS, "llrrr", header, rows)
-    return (table, Gallery("half", (bars,), caption))
+    table = Table(say("groups"), "llrrr", header, rows)
+    return (table, Gallery("half", (bars,), say("information")))
 
 
 def local_section(analysis: Analysis) -> Blocks:
@@ -252,24 +203,12 @@ def local_section(analysis: Analysis) -> Blocks:
     picture = drawing(spectrum(analysis.spread), "Spectrum of the Fisher information")
     decades = analysis.spread.decades
     largest = analysis.collinearity.largest()
-    text = Markup(
-        "Exact sensitivities of every reading, over the posterior: what they know of the directions spans {} "
-        "decades. The largest set of parameters that can be determined together (collinearity index up to "
-        "{:g}): {}."
-    ).format(f"{decades:.1f}" if decades < 100 else "infinitely many", CRITICAL, symbols(largest) or "none")
+    text = say(
+        "sensitivities", f"{decades:.1f}" if decades < 100 else "infinitely many", CRITICAL, symbols(largest) or "none"
+    )
     rows = tuple((symbol(row["parameter"]), *_spreads(row)) for row in records(analysis.spread.table))
-    table = Table(
-        "Standard deviations: prior after the cut, Cramér–Rao bound with the prior (averaged over the "
-        "posterior), posterior. A posterior far below its bound is cut off by an edge.",
-        "lrrrl",
-        ("", "prior", "bound", "posterior", "unit"),
-        rows,
-    )
-    caption = (
-        "Information of the independent directions in units of the prior’s: dots at the posterior’s median, "
-        "bars 5 to 95 %. Broken line: as much as the prior holds; dotted: a tenth of its variance is left."
-    )
-    return (Text(text), table, Gallery("half", (picture,), caption))
+    table = Table(say("spreads"), "lrrrl", ("", "prior", "bound", "posterior", "unit"), rows)
+    return (Text(text), table, Gallery("half", (picture,), say("spectrum")))
 
 
 def _spreads(row: Record) -> tuple[Cell, ...]:
@@ -294,10 +233,7 @@ def method_section(made: Identified) -> Blocks:
         ("wall time", seconds),
         *origin_rows(record, "study"),
     )
-    sources = Text(
-        "Profiles: Raue et al. 2009; collinearity: Brun et al. 2001; mutual information: Gaussian copula, "
-        "and Kraskov et al. 2004 as the check."
-    )
+    sources = Text(say("sources"))
     return (Text(text), sources, Table("", "ll", ("", ""), rows))
 
 

@@ -26,10 +26,12 @@ from bayesterra.parameters import PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Table, Text, drawing, records
 from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, signed
-from bayesterra.report.sections import Section, VerdictPage
+from bayesterra.report.sections import Prose, Section, VerdictPage
 from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
 from bayesterra.report.verdicts import Verdict
 from bayesterra.study.result import COUPLED, shown
+
+say = Prose("identify")
 
 FEW = 2
 """Objections that find room on a card."""
@@ -60,10 +62,7 @@ def identifiability_page(made: Identified) -> VerdictPage:
 def _warning(made: Identified) -> Markup:
     if made.record["converged"]:
         return Markup("")
-    return Markup(
-        "The draws behind this page come from sampling that did <b>not converge</b>: what rests on draws "
-        "(contraction, coupling) may be wrong. Profiles and structure do not depend on them."
-    )
+    return say("warning")
 
 
 def _directions_card(made: Identified) -> Verdict:
@@ -101,29 +100,14 @@ def _agreement_card(made: Identified) -> Verdict:
 
 
 def _verdict_section(made: Identified) -> Blocks:
-    text = Markup(
-        "<b>Determined</b>: variance at most {:.0f} % of the prior’s after the physical cut. "
-        "<b>One-sided</b>: so, but one end is the prior’s bound; or the likelihood’s profile excludes "
-        "{:.0f} % or more of the prior, on one side only. <b>Coupled</b>: neither, and the data tie it to "
-        "others that are not determined either, one of them (correlation {:g} or stronger) or all together "
-        "(<i>R</i> {:g} or more). <b>Weakly</b>: contraction {:g} or more. <b>Moved</b>: less, but the mean "
-        "shifted by {:g} sd of the prior or more, or its law is {:.3f} nats or more from it: prior and data "
-        "disagree. <b>Repeats its prior</b>: none of these. "
-        "<b>Structurally not determined</b>: no data of this design can tell it, however many."
-    ).format(100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
+    text = say("words", 100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
     return (_verdict_table(made), *_objections(made), Text(text), _combinations(made))
 
 
 def _verdict_table(made: Identified) -> Table:
     rows = tuple(_verdict_row(row) for row in records(made.verdicts))
     header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"), Markup("<i>R</i>"))
-    caption = Markup(
-        "Contraction: 1 − variance over that of the prior after the cut, of the logarithm under log laws. "
-        "Profile: of the likelihood over the "
-        "prior’s range. Tied to: strongest correlation <i>r</i> with a parameter that is not determined; "
-        "<i>R</i>: multiple correlation with all of those."
-    )
-    return Table(caption, "llrllrr", header, rows)
+    return Table(say("verdict_table"), "llrllrr", header, rows)
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
@@ -164,21 +148,13 @@ def _combinations(made: Identified) -> Table:
         (row["verdict"], number(row["contraction"], 3, least=0.0), in_symbols(row["combination"]))
         for row in records(made.found.combinations)
     )
-    caption = (
-        "Independent combinations of the parameters, best determined first; weights in standard deviations "
-        "of the prior after the cut (of normal scores, so that the scale of a parameter does not matter)."
-    )
-    return Table(caption, "lrl", ("verdict", "contraction", "combination"), rows)
+    return Table(say("combinations"), "lrl", ("verdict", "contraction", "combination"), rows)
 
 
 def _profile_section(made: Identified) -> Blocks:
     if not made.found.profiles.found:
         return (Text(NO_PROFILES),)
     panels = drawing(profile_panels(made.found.profiles), profiles_in_words(made.found.profiles))
-    caption = (
-        "The best that all other parameters can do at each value of one. Where a curve crosses the 95 % line "
-        "on both sides the readings bound the parameter; where it stays below, only the prior’s range does."
-    )
     table = made.found.profiles.table
     rows = tuple(
         (
@@ -189,15 +165,8 @@ def _profile_section(made: Identified) -> Blocks:
         )
         for row in records(table[table["kind"] == "likelihood"])
     )
-    moves = Table(
-        "What compensates what: how far the others move along the 95 % interval, in standard deviations of "
-        "their prior. Trust: points that two or more descents agree on; points not solved are marked by a "
-        "cross in the figure, and nothing is read off them.",
-        "llrl",
-        ("", "class", "trust", "others move by"),
-        rows,
-    )
-    return (Gallery("whole", (panels,), caption), moves)
+    moves = Table(say("compensation"), "llrl", ("", "class", "trust", "others move by"), rows)
+    return (Gallery("whole", (panels,), say("profiles")), moves)
 
 
 def _moves(text: str) -> Cell:

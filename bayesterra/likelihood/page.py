@@ -14,6 +14,7 @@ from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Blocks, Cell, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, share
+from bayesterra.report.sections import Prose
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
 from bayesterra.stats.laws import Law
 from bayesterra.study.model_errors import Size
@@ -21,6 +22,8 @@ from bayesterra.study.noise import Noise
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.study import Study
+
+say = Prose("conditions")
 
 
 def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
@@ -52,19 +55,9 @@ def _readings(study: Study) -> Table:
         own = [f"{again[name].sd / CHANNELS[name].scale:.2g}" if name in again else ""] if again else []
         table[with_unit(name)] = [*(f"{mark}{cell}" for mark, cell in cells), noise, *own]
     table["in the fit"] = [*("yes" if use else "no" for use in rows.use), *[""] * last]
-    told = (
-        " Repeats: scatter of readings at the same wheel, load and slip, by which noise can be judged." if again else ""
-    )
-    caption = Markup("Readings, slip on the shearing radius <i>r</i><sub>s</sub>, sinkage from the rim. {}{}").format(
-        _origin(study), told
-    )
+    caption = say("readings", study.kind, study.source, bool(again))
     align = "l" + "l" * many + "r" * (len(columns) + 1) + "c"
     return Table(caption, align, tuple(table), tuple(zip(*table.values(), strict=True)))
-
-
-def _origin(study: Study) -> str:
-    source = f": {study.source}" if study.source else ""
-    return f"Source ({study.kind}){source}."
 
 
 def noise_text(noise: Noise | None) -> str:
@@ -99,39 +92,29 @@ def _wheels(study: Study) -> Table:
 
 def _model(study: Study) -> Markup:
     options = ", ".join(f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items())
-    return Markup("Model {}: {}, of Ding et al. 2015; {}. {} Readings scatter about the model by independent "
-                  "{} noise of the standard deviation in the last line of the table.").format(
-        study.model.name, study.model.equations, options, study.drive.sentence, _law_of_noise(study)
-    )  # fmt: skip
+    return say("model", study.model, options, study.drive.sentence, _law_of_noise(study))
 
 
 def _errors(study: Study) -> tuple[Text, ...]:
     """Discrepancy, ripple and slip errors in words, where there are any."""
-    errors, texts = study.errors, []
-    if errors.discrepancy:
-        kinds = listed(
-            Markup("{} (sd {}, over slips of {:g}{})").format(
-                symbol(error.channel), _size(error.channel, error.size), error.length,
-                "" if error.kernel == "smooth" else ", Matérn 5/2",
-            )
-            for error in errors.discrepancy.values()
-        )  # fmt: skip
-        text = Markup("The model may be off by a smooth curve over slip, one for each wheel: {}.")
-        texts.append(text.format(kinds))
-    if errors.ripple:
-        kinds = listed(
-            Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(
-                symbol(error.channel), _size(error.channel, error.size), error.memory,
-                "" if math.isinf(error.period) else f", crests {error.period:g} rows apart",
-            )
-            for error in errors.ripple.values()
-        )  # fmt: skip
-        texts.append(Markup("Readings of one sweep hang together by ripple: {}.").format(kinds))
-    if errors.slip is not None:
-        texts.append(Markup("Slips are read with an error of sd {}.").format(_size("slip", errors.slip.size)))
-    if errors and study.load_range is not None:
-        texts.append(Markup("Unknown loads count to first order about those that readings tell."))
-    return (Text(Markup(" ").join(texts)),) if texts else ()
+    errors = study.errors
+    discrepancy = listed(
+        Markup("{} (sd {}, over slips of {:g}{})").format(
+            symbol(error.channel), _size(error.channel, error.size), error.length,
+            "" if error.kernel == "smooth" else ", Matérn 5/2",
+        )
+        for error in errors.discrepancy.values()
+    )  # fmt: skip
+    ripple = listed(
+        Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(
+            symbol(error.channel), _size(error.channel, error.size), error.memory,
+            "" if math.isinf(error.period) else f", crests {error.period:g} rows apart",
+        )
+        for error in errors.ripple.values()
+    )  # fmt: skip
+    slip = "" if errors.slip is None else _size("slip", errors.slip.size)
+    text = say("errors", discrepancy, ripple, slip, bool(errors) and study.load_range is not None)
+    return (Text(text),) if text else ()
 
 
 def _size(channel: str, size: Size) -> Markup:
@@ -176,20 +159,10 @@ def support(record: Mapping[str, Any]) -> Markup:
     """Share of the prior that physics cuts, in words, from the record of the cut."""
     shares = dict(record["shares"])
     inside = shares.pop("inside the support", 0.0)
-    if not shares:
-        return Markup("No draw of the stated prior ({}) contradicts the physics.").format(record["tried"])
     cut = listed(Markup("{} ({})").format(angles(reason), share(part)) for reason, part in shares.items())
-    return Markup(
-        "Physical cut: {} of the stated prior has an answer at every row. The rest does not count as prior: "
-        "{}. Shares of {} draws."
-    ).format(share(inside), cut, record["tried"])
+    return say("support", share(inside), cut, record["tried"])
 
 
 def estimated_noise(study: Study) -> Markup:
     """Clause on the channels whose noise is estimated."""
-    names = [name for name, noise in study.noise.items() if noise.law is not None]
-    if not names:
-        return Markup("")
-    return Markup(
-        " The noise of {} was estimated from the same readings, which makes the checks lenient there."
-    ).format(symbols(names))
+    return say("estimated_noise", [name for name, noise in study.noise.items() if noise.law is not None])

@@ -19,13 +19,15 @@ from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
-from bayesterra.report.sections import Draft, VerdictPage, origin_rows
+from bayesterra.report.sections import Draft, Prose, VerdictPage, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines, verdict_line
 from bayesterra.report.verdicts import UNSEEN, Verdict
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import crosscheck, crosscheck_line, law_text, unconverged
 from bayesterra.study.study import Study
+
+say = Prose("pooling")
 
 WORDS = {"complete": "complete pooling", "as stated": "pooling as stated", "none": "no pooling"}
 
@@ -126,23 +128,12 @@ def _sharing_section(result: PooledResult) -> Blocks:
         name, role, word = _named(row["parameter"]), str(row["role"]), str(row["verdict"])
         body.append((name, role, *against, error, word, *_as_stated(row), spread))
     by = result.record["pooling"]["by"]
-    caption = (
-        "Log Bayes factors (natural units) of one value for all groups, all other parameters being each "
-        f"group's own: against a value for each {by} under the stated prior, and against values from a "
-        "normal population, its laws those of this study or else a spread of about half of the prior's or "
-        f"less. The lesser counts, ± Monte Carlo error: from {STRONG:g} on (odds of 20 to 1), two errors "
-        f"beyond it, the word is {CONSTANT}, from −{STRONG:g} on {by}-dependent, else {OPEN}, also where "
-        "weights are too uneven to rely on (*). As stated: the same with all other parameters shared or not "
-        "as this study has them; it says more where that holds, and stands for what each group has. Spread: "
-        "standard deviation between groups over that of the parameter's prior, median and 90 % HDI, where "
-        "the parameter is hierarchical."
-    )
     header = (
         "parameter", "role in this study", "against own values", "against a population", "lesser", "verdict",
         "lesser, as stated", "verdict, as stated", "spread / prior sd",
     )  # fmt: skip
-    sentence = Text(_sentence(result))
-    return (sentence, Table(caption, "llrrrlrlr", header, tuple(body)))
+    sentence = Text(say("sentence", *(_by_word(result, column) for column in ("verdict", "verdict_as_stated"))))
+    return (sentence, Table(say("sharing", by, STRONG, CONSTANT, OPEN), "llrrrlrlr", header, tuple(body)))
 
 
 def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
@@ -152,15 +143,6 @@ def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
         return NOTHING, NOTHING
     reliable = bool(row.get("reliable_as_stated", True))
     return _with_error(row["log_bayes_factor_as_stated"], row["error_as_stated"], reliable), word
-
-
-def _sentence(result: PooledResult) -> Markup:
-    alone, stated = _by_word(result, "verdict"), _by_word(result, "verdict_as_stated")
-    if not stated:
-        return _sentences(alone)
-    return Markup("{} With the other parameters shared or not as this study has them: {}").format(
-        _sentences(alone), _sentences(stated)
-    )
 
 
 def _by_word(result: PooledResult, column: str, *, beside: str | None = None) -> dict[str, list[Markup]]:
@@ -176,15 +158,6 @@ def _by_word(result: PooledResult, column: str, *, beside: str | None = None) ->
     return dict(sorted(by_word.items(), key=lambda part: part[0] == OPEN))
 
 
-def _sentences(names_by_word: Mapping[str, list[Markup]]) -> Markup:
-    words = {CONSTANT: "All groups have one value of", OPEN: "The data cannot tell for"}
-    sentences = [
-        Markup("{} {}.").format(words.get(word, "Each group has its own value of"), listed(names))
-        for word, names in names_by_word.items()
-    ]
-    return Markup(" ").join(sentences)
-
-
 def _groups_section(result: PooledResult) -> Blocks:
     names = [name for name in PARAMETERS if name in result.draws["alone"].data_vars]
     held = result.draws["posterior"]
@@ -196,12 +169,7 @@ def _groups_section(result: PooledResult) -> Blocks:
             pictures = tuple(
                 drawing(group_strip(result, name), f"{PARAMETERS[name].description} by group") for name in chosen
             )
-            caption = Markup(
-                "{}: {}. Thick and thin bars hold 50 and 90 %, the tick is the median. Grey: each group "
-                "alone; blue: all groups together. The axis is the range of the prior. Circles: true or "
-                "published values, where stated for all groups."
-            ).format(title, symbols(chosen))
-            blocks.append(Gallery("half", pictures, caption))
+            blocks.append(Gallery("half", pictures, say("groups", title, symbols(chosen))))
     return tuple(blocks)
 
 
@@ -213,14 +181,8 @@ def _degrees_section(result: PooledResult) -> Blocks:
             _with_error(row[f"elpd_{of}"], row[f"se_{of}"], row[f"unreliable_{of}"] == 0) for of in ("rows", "groups")
         )
         body.append((WORDS[row["pooling"]], "yes" if row["converged"] else "no", evidence, *elpds))
-    caption = (
-        "Complete pooling: all groups share every parameter. None: every group alone. Log evidence under the "
-        "prior cut to the physical support, ± Monte Carlo error; expected log predictive density (elpd) of "
-        "each row left out in turn, and of each group left out as a whole, summed, ± standard error from the "
-        "spread between rows or groups. Greater is better. * importance weights too uneven to rely on."
-    )
     header = ("pooling", "converged", "log evidence", "elpd of rows", "elpd of groups")
-    table = Table(caption, "lcrrr", header, tuple(body))
+    table = Table(say("degrees"), "lcrrr", header, tuple(body))
     return (table, _by_group(result))
 
 
@@ -240,20 +202,15 @@ def _by_group(result: PooledResult) -> Table:
         own = some[some["label"].astype(str) == group].set_index("pooling")
         cells = [_with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"])) for d in degrees]
         body.append((group, *cells))
-    caption = "Log density of all readings of one group as predicted from the others, ± Monte Carlo error."
-    return Table(caption, "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
+    return Table(say("by_group"), "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
 
 
 def _summary_section(result: PooledResult) -> Blocks:
     body = tuple(_row(row) for row in result.summary.to_dict("records"))
-    caption = (
-        "All parameters of the joint posterior. Densest draw, median, 90 % highest-density interval, mean "
-        "and sd, smallest effective size, R-hat; prior mean and sd after the cut."
-    )
     header = (
         "", "unit", "densest", "median", "90 % HDI", "mean", "sd", "effective", "R-hat", "prior mean", "sd",
     )  # fmt: skip
-    return (Table(caption, "ll" + "r" * 9, header, body), *crosscheck(result.record))
+    return (Table(say("summary"), "ll" + "r" * 9, header, body), *crosscheck(result.record))
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -282,19 +239,12 @@ def _prior_section(result: PooledResult) -> Blocks:
                 law_text(name, population.mean), law_text(name, population.spread)
             )
         body.append((symbol(name), angles(PARAMETERS[name].description), stated_law(name, entry), role))
-    caption = Markup(
-        "Prior laws and roles as stated, {}. A hierarchical value is drawn from a normal law "
-        "with the population's mean and spread, cut to the range of the parameter's own law. The prior is "
-        "zero where any group's parameters are outside the physical support."
-    )
-    table = Table(caption.format(joined_laws(study)), "llll", ("", "parameter", "prior", "role"), tuple(body))
+    table = Table(say("prior", joined_laws(study)), "llll", ("", "parameter", "prior", "role"), tuple(body))
     return (table, *prior_sources(study))
 
 
-def joined_laws(study: Study) -> Markup | str:
+def joined_laws(study: Study) -> Markup:
     """Independence of laws in words; where they are not independent, each pair with its correlation."""
-    if not study.prior.correlated:
-        return "independent of each other"
     named = [
         Markup("{} {:+.2f}").format(symbols(pair.split(", ")), value) for pair, value in study.prior.correlation.items()
     ]
@@ -302,10 +252,7 @@ def joined_laws(study: Study) -> Markup | str:
         Markup("{} by a mixture of {} normal laws of scores").format(symbols(names.split(", ")), len(mixture.weights))
         for names, mixture in study.prior.mixtures.items()
     ]
-    return Markup(
-        "joined by correlations of normal scores, a Gaussian copula of what is shared and what a group has, "
-        "a hierarchical value by its score under its population's law ({})"
-    ).format(listed(named))
+    return say("joined_laws", listed(named))
 
 
 def _data(result: PooledResult) -> Blocks:

@@ -16,7 +16,9 @@ from bayesterra.reduce.reduction import Reduction
 from bayesterra.reduce.windows import Window
 from bayesterra.report.blocks import Block, Blocks, Gallery, Overview, Table, Text, photograph
 from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, literal, new_figure, styled
-from bayesterra.report.sections import Section, VerdictPage
+from bayesterra.report.sections import Prose, Section, VerdictPage
+
+say = Prose("reduce")
 
 REJECTED = "#B0B0B0"
 SHOWN = ("travel_speed", "rim_speed", "slip", "load", "sinkage", "normal_force", "drawbar_pull", "resistance_moment")
@@ -79,12 +81,7 @@ def _understood(reduction: Reduction) -> Blocks:
         blocks.append(Table(f"{log.name} ({log.form}; {log.kind})", "llll", ("column", "is", "in", "readings"), rows))
         for name, (offset, sd) in log.zeros.items():
             unit, scale = LOGGED[name].unit, LOGGED[name].scale
-            blocks.append(
-                Text(
-                    f"Offset of {name} {offset / scale:.5g} ± {sd / scale:.2g} {unit} subtracted, by the zero record;"
-                    " its error is common to all rows and not in their sd."
-                )
-            )
+            blocks.append(Text(say("understood", name, offset / scale, sd / scale, unit)))
     return tuple(blocks)
 
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, Generic, Protocol, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.blocks import Blocks, Cell, Text
-from bayesterra.report.symbols import angles, in_symbols
+from bayesterra.report.symbols import angles, in_symbols, listed, symbol, symbols
 from bayesterra.report.verdicts import REPORT, Failures, Verdict, failed, sentences, unknown_verdict, with_failures
 
 R = TypeVar("R", bound="Recorded")
@@ -136,10 +138,40 @@ def in_a_line(settings: Mapping[str, Any]) -> str:
     return ", ".join(entries)
 
 
-def render(content: object, template: str = "report.html") -> str:
-    """Fill a template with a page; everything that is not marked as HTML is escaped."""
+class Prose:
+    """Words of a page, from ``templates/prose/<page>.html``.
+
+    Sentences stand in the template, on lines of any length; figures, names and choices come from the caller.
+    Everything that is not marked as HTML is escaped.
+    """
+
+    def __init__(self, page: str) -> None:
+        self._file = f"prose/{page}.html"
+
+    def __call__(self, name: str, *values: object) -> Markup:
+        """The macro of this name, with its arguments."""
+        macro = getattr(_environment().get_template(self._file).module, name)
+        return Markup(_BLANKS.sub(" ", macro(*values)).strip(" "))  # noqa: S704 (escaped by the template)
+
+    def rows(self, name: str) -> tuple[tuple[Cell, ...], ...]:
+        """Rows of a table that the template sets under this name."""
+        rows: list[tuple[Cell, ...]] = getattr(_environment().get_template(self._file).module, name)
+        return tuple(rows)
+
+
+_BLANKS = re.compile("[ \n]+")
+
+
+@cache
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("bayesterra.report"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    return environment.get_template(template).render(page=content)
+    environment.filters |= {"form": format, "symbol": symbol, "symbols": symbols, "listed": listed}
+    return environment
+
+
+def render(content: object, template: str = "report.html") -> str:
+    """Fill a template with a page; everything that is not marked as HTML is escaped."""
+    return _environment().get_template(template).render(page=content)

@@ -14,11 +14,14 @@ from bayesterra.parameters import PARAMETERS, Parameter
 from bayesterra.report.blocks import Text
 from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
+from bayesterra.report.sections import Prose
 from bayesterra.report.symbols import amount, angles, letters, listed, raised
 from bayesterra.report.verdicts import failed
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import DrawnResult, Result, SummaryRow
+
+say = Prose("study")
 
 
 def failed_checks(result: DrawnResult) -> list[Mapping[str, Any]]:
@@ -244,11 +247,7 @@ def crosscheck(record: Mapping[str, Any]) -> tuple[Text, ...]:
     found = record.get("crosscheck")
     if found is None:
         return tuple(Text(line, "bad") for line in (failed(record, "crosscheck"),) if line)
-    text = Markup(
-        "Cross-check by nested sampling at two settings: <b>{}</b>. Largest difference of all means, 5, 50 "
-        "and 95 % quantiles and evidences: {} (limit {:g}). Nested samplers can err on ridges without a "
-        "sign, so a disagreement does not say who is wrong."
-    ).format(found["verdict"], found["worst"], found["threshold"])
+    text = say("crosscheck", found["verdict"], found["worst"], found["threshold"])
     return (Text(text),)
 
 

@@ -12,7 +12,7 @@ import pytest
 from markupsafe import Markup, escape
 
 from bayesterra.analysis import findings_page
-from bayesterra.analysis.closing_page import WORDS, prior_section
+from bayesterra.analysis.closing_page import prior_section, say
 from bayesterra.analysis.findings_page import mode_outside
 from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, reached, slip_table
 from bayesterra.analysis.page import Page, data_section, run_page, warning
@@ -342,7 +342,7 @@ def test_every_place_says_the_same(small_result: Result, html: str, capsys: pyte
 
 def test_every_word_of_the_first_screen_is_defined(small_result: Result, html: str) -> None:
     """Words of the cards and of the parameters, and what stands in the sentences."""
-    defined = " ".join(word for word, _ in WORDS)
+    defined = " ".join(str(word) for word, _ in say.rows("words"))
     first = html[: html.index('<nav aria-label="Contents">')]
     words = {row.word for row in identifiability_rows(small_result).values()}
     words |= {verdict.word for verdict in small_result.verdicts[:3]}
