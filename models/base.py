@@ -54,9 +54,9 @@ class WheelSoilModel(ABC):
     """
 
     transition_slips: tuple[float, float] = (0.15, 0.5)
-    """s_j1 and s_j2 of eq. (13), between which the shear's start moves from the lug tips to the rim."""
+    """s_j1, s_j2 of Ding et al. 2015, (13): between them the shear's start moves from the lug tips to the rim."""
     shear_start: ShearStart = "transition"
-    """Radius R_j at which shearing starts: eq. (13), or held at "rim" (r) or "tip" (r + h)."""
+    """Radius R_j at which shearing starts: Ding et al. 2015, (13), or held at "rim" (r) or "tip" (r + h)."""
     constant_exponent: bool = False
     """Leave slip out of the sinkage exponent: N = n0."""
 
@@ -80,7 +80,7 @@ class WheelSoilModel(ABC):
         return type(self).__name__
 
     def forces(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Forces:
-        """F_N, F_DP and M_DR at a sinkage in m, eq. (14), (24) or (25)."""
+        """F_N, F_DP and M_DR at a sinkage in m, Ding et al. 2015, eq. (14), (24) or (25)."""
         values, shape = self._results(soil, wheel, slip, sinkage, width=3)
         return Forces(*(plain(values[:, i].reshape(shape)) for i in range(3)))
 

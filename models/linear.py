@@ -25,7 +25,7 @@ class M2(WheelSoilModel):
 
 @dataclass(frozen=True, kw_only=True)
 class M3(WheelSoilModel):
-    """Linear sigma cos(theta) and tau cos(theta) in F_N and F_DP, without F_Ntau: CM2, eqs. (25), (26).
+    """Linear sigma cos(theta) and tau cos(theta) in F_N and F_DP, no F_Ntau: CM2, Ding et al. 2015, (25), (26).
 
     The paper keeps M2's linear stresses in the other integrals; `stresses` returns those of the cosine terms.
     """

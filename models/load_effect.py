@@ -19,7 +19,7 @@ _CDP, _CM = (len(SOIL_FIELDS) + LOAD_EFFECT_FIELDS.index(name) for name in ("cDP
 class M2L(WheelSoilModel):
     """M2 with the load effect, Ding et al. 2015, eq. (42): c_P1, c_P2, c_DP, c_M of a LoadEffectSoil.
 
-    F_N in (42b) and (42c) is the wheel's own; with all four coefficients zero (a plain Soil) M2L is M2. For
+    F_N in (42b) and (42c) of Ding et al. 2015 is the wheel's own; without coefficients (a plain Soil) it is M2. For
     c_M < 0 (42) may have two normal forces at a sinkage: the smaller one counts, the one that M2 has as c_M
     goes to 0. The paper holds c1 = 0.5, c2 = c3 = 0; the model takes any.
     """

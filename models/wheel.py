@@ -21,7 +21,7 @@ class Wheel:
     lug_count: int = 0
     """Number of lugs n_L."""
     shearing_radius_coefficient: float | None = None
-    """lambda_s of (1), between 0 and 1; None: from equation (2) at the soil's friction angle."""
+    """lambda_s of Ding et al. 2015, (1), between 0 and 1; None: from (2) there at the soil's friction angle."""
 
     def __post_init__(self) -> None:
         for name in ("radius", "width"):
@@ -39,7 +39,7 @@ class Wheel:
     def shearing_radius(self, phi: float | FloatArray = 0.0) -> float | FloatArray:
         """r_s in m for friction angle `phi` in rad, Ding et al. 2015, eqs. (1) and (2).
 
-        Raises ValueError where (2) leaves [0, 1], as it does for short lugs.
+        Raises ValueError where lambda_s leaves [0, 1], as it does for short lugs.
         """
         shape = np.shape(phi)
         if self.lug_height == 0:

@@ -37,8 +37,8 @@ class Fit:
     ----------
     method : ``IM1``, ``IM2``, ``IM3`` or ``joint``.
     soil : the parameters, SI and radians. Those in ``missing`` stand at their start values.
-    errors : fit error (16) in percent of each channel, NaN where it was not measured or not fitted. IM1 and
-        joint are judged by their model, IM2 and IM3 by their equations with the measured F_N and M_DR put in.
+    errors : fit error, Ding et al. 2015, (16), of each channel in percent, NaN where it was not measured or not
+        fitted. IM1 and joint are judged by their model, IM2 and IM3 by their equations with F_N and M_DR put in.
     converged : the passes met the criterion and every inner fit ended at a minimum.
     passes : passes of IM1, rounds of noise weights of joint, else 1.
     path : the parameters after each pass.

@@ -49,7 +49,7 @@ from bayesterra.study.priors import Entry, Source
 from bayesterra.study.units import quantity
 
 T = TypeVar("T")
-_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True)
 
 
 def bare_numbers(info: ValidationInfo) -> bool:
@@ -234,12 +234,19 @@ class DataTable(Table):
     """Place of the measurements, and what their table leaves open."""
 
     file: Text
+    """Table of measurements, a path relative to the study file: CSV, or Excel with the extra ``excel``."""
     sheet: Text = ""
+    """Sheet of an Excel workbook that has several."""
     decimal: Literal[",", "."] | None = None
+    """Sign that separates decimals, where cells such as ``1,234`` leave it open."""
     slip_reference: Literal["rim", "tip", "shearing"]
+    """Radius behind the slip column: ``rim`` r, ``tip`` r + h, or ``shearing`` r_s."""
     sinkage_reference: Literal["rim", "tip"] = "rim"
+    """Zero of the sinkage column: the rim, or the ``tip`` of the lugs, when h is subtracted."""
     kind: Literal["measured", "simulated", "digitised"] = "measured"
+    """Origin of the readings, said on every page that shows them."""
     source: Text = ""
+    """Source of the readings: publication, table, transcriber."""
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -247,10 +254,15 @@ class WheelTable(Table):
     """A wheel, as :class:`bayesterra.models.Wheel`."""
 
     radius: Length
+    """Radius r without lugs."""
     width: Length
+    """Width b."""
     lug_height: Length = 0.0
+    """Height h of the lugs; 0 for a smooth wheel."""
     lug_count: Annotated[StrictInt, Field(le=100_000)] = 0
+    """Number n_L of lugs."""
     shearing_radius_coefficient: Annotated[float | None, _measure("")] = None
+    """λ_s of Ding et al. 2015, (1), from 0 to 1; left out: from (2), once, at the prior median of phi."""
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -258,31 +270,33 @@ class ModelOptions(Table):
     """Options of the wheel-soil model, as :class:`bayesterra.models.M2L`."""
 
     transition_slips: Annotated[tuple[float, float], BeforeValidator(_two_slips)] = (0.15, 0.5)
+    """Slips s_j1 and s_j2 of Ding et al. 2015, (13), between which shearing moves from the lug tips to the rim."""
     shear_start: Literal["transition", "rim", "tip"] = "transition"
+    """Radius R_j at which shearing starts: Ding et al. 2015, (13), or held at the ``rim`` or the ``tip``."""
     constant_exponent: StrictBool = False
+    """Sinkage exponent without slip: N = n0, and n1 is held at 0."""
     mean_load: Annotated[float | None, _measure("N")] = None
+    """Mean load per wheel of the vehicle, for M2L; left out: that of the rows."""
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class LeastSquaresOptions(Table):
-    """Options of the least-squares fits; soil parameters by name, SI units.
-
-    Attributes
-    ----------
-    hold : parameters held at a value.
-    start, lower, upper : replace the method's own start values and bounds.
-    delta : c1 and c2 change by less than this between the last passes of IM1.
-    methods : which fits to make.
-    solvers : of IM1, IM2 and IM3: ``converged``, and the paper's, whose result hangs on its start.
-    """
+    """Options of the least-squares fits; soil parameters by name, SI units."""
 
     hold: SoilValues = Field(default_factory=dict)
+    """Parameters held at a value."""
     start: SoilValues = Field(default_factory=dict)
+    """Start values in place of the method's own."""
     lower: SoilValues = Field(default_factory=dict)
+    """Lower bounds in place of the method's own."""
     upper: SoilValues = Field(default_factory=dict)
+    """Upper bounds in place of the method's own."""
     delta: Annotated[Number, Field(gt=0)] = 0.002
+    """Change of c1 and c2 below which the passes of IM1 end."""
     methods: tuple[Method, ...] = ("IM1", "IM2", "IM3", "joint")
+    """Fits to make."""
     solvers: Annotated[tuple[Literal["converged", "lsqcurvefit"], ...], Field(min_length=1)] = ("converged",)
+    """Solvers of IM1, IM2 and IM3: ``converged``, and the paper's, whose result hangs on its start."""
 
 
 MANY_DRAWS = 10_000
@@ -294,9 +308,13 @@ class SamplingOptions(Table):
     """End of the sampling, and number of walkers: by default 64 an ensemble, 128 for many draws."""
 
     target_ess: Annotated[int, Field(ge=100, le=10_000_000, strict=True)] = 4000
+    """Effective sample size to reach."""
     ensembles: Annotated[int, Field(ge=4, le=256, strict=True)] = 4
+    """Independent ensembles, which are the chains of ``draws.nc``."""
     walkers: Annotated[int, Field(ge=32, le=100_000, multiple_of=2, strict=True)] = 64
+    """Walkers of an ensemble; 128 unless stated where more than 10 000 draws are asked for."""
     max_steps: Annotated[int, Field(ge=1, le=100_000_000, strict=True)] = 20000
+    """Steps after which an ensemble ends, converged or not."""
 
     @model_validator(mode="before")
     @classmethod
@@ -332,30 +350,49 @@ class StudyContent(Table):
     """All tables of a study; the same in files and in Python."""
 
     title: Text = ""
+    """Title of the study, on every page."""
     soil: Text = ""
+    """Name of the soil."""
     date: Annotated[Text, BeforeValidator(_day)] = ""
+    """Day of the test."""
     model: Annotated[StrictStr, BeforeValidator(_model)] = "M1"
+    """Wheel-soil model: ``M1`` integral, ``M2`` and ``M3`` closed forms, ``M2L`` M2 with the load effect."""
     drive: Literal["load", "sinkage", "both"] = "load"
+    """Quantity known of a row beside its slip: the load, the sinkage, or ``both`` read with errors."""
     load_range: Annotated[
         tuple[float, float] | None, BeforeValidator(_load_range, json_schema_input_type=list[str])
     ] = None
+    """Ends of the flat prior of every true load in the drive ``both``; left out: six sd beyond the readings."""
     pooling: Annotated[Pooling | None, BeforeValidator(partial(_read, pooling_table), json_schema_input_type=_Open)] = (
         None
     )
+    """Parameters that groups of rows share, and those that each has for itself."""
     data: DataTable
+    """Place of the measurements."""
     wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
+    """Wheels by name, which the column ``wheel`` of the measurements uses where there are several."""
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
+    """Options of the model."""
     noise: Annotated[dict[str, Noise], _entries(_noise)] = Field(default_factory=dict)
+    """Noise of each measured channel."""
     discrepancy: Annotated[dict[str, Discrepancy], _entries(partial(_read, discrepancies))] = Field(
         default_factory=dict
     )
+    """Smooth error of the model over slip, by channel."""
     ripple: Annotated[dict[str, Ripple], _entries(partial(_read, ripples))] = Field(default_factory=dict)
+    """Noise of a channel that hangs together along a sweep."""
     slip: Annotated[SlipError | None, _entries(partial(_read, slip_error))] = None
+    """Error of the slip readings; left out: slips are exact."""
     priors: Annotated[StatedPriors, _entries(_priors)] = StatedPriors()
+    """Prior of each parameter: a law, a fixed value, a tie, a set, or an earlier result."""
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
+    """Options of the least-squares fits."""
     published: StatedValues = None
+    """Published values to show beside the results, and their ``source``."""
     truth: StatedValues = None
+    """True values of simulated data, likewise."""
     sampling: Annotated[SamplingOptions, BeforeValidator(_plain)] = SamplingOptions()
+    """End of the sampling."""
 
 
 def checked(tables: Mapping[str, Any], *, bare: bool) -> StudyContent:
