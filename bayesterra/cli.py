@@ -283,6 +283,32 @@ def compare(
     show(compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite), out)
 
 
+@app.command(short_help="Write a result's figures, tables, methods and references for a manuscript.")
+def export(
+    result: Annotated[Path, argument("DIR", "A result folder that 'run' wrote.")],
+    figures: Annotated[str, option("F,F", "svg, pdf, png; with no option at all: svg.")] = "",
+    tables: Annotated[str, option("F,F", "latex, csv; with no option at all: csv.")] = "",
+    methods: Annotated[bool, flag("--methods", "What was done, in words: methods.txt.")] = False,
+    bibtex: Annotated[bool, flag("--bibtex", "What these words cite: references.bib.")] = False,
+    to: Annotated[str, option("F,F", "Draws as csv or json, SI and radians.")] = "",
+    out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-export.")] = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Write the report's figures and tables as files, a text on methods, references, and the draws."""
+    from bayesterra.analysis.export import Export
+    from bayesterra.analysis.run import load_result
+
+    asked = {
+        name: text.split(",") if text else [] for name, text in (("figures", figures), ("tables", tables), ("to", to))
+    }
+    if not (any(asked.values()) or methods or bibtex):
+        asked, methods, bibtex = {"figures": ["svg"], "tables": ["csv"], "to": []}, True, True
+    folder = out or Path(f"{result.resolve().name.removesuffix('-result')}-export")
+    made = Export(result=load_result(result), asked=asked, methods=methods, bibtex=bibtex)
+    made.save(folder, overwrite=overwrite)
+    show(made, folder)
+
+
 @app.command(short_help="Check the posteriors of a study against simulated truths.")
 def calibrate(
     study: StudyPath,

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayesterra.analysis.export import methods_text
 from bayesterra.analysis.findings_page import bounded
 from bayesterra.checking.validation import complete, estimates, held, spread_draws
 from bayesterra.least_squares.fit import fit_from_starts
@@ -31,7 +32,7 @@ from bayesterra.report.numbers import (
     with_error,
 )
 from bayesterra.report.sections import Prose, Section, in_a_line, origin_rows
-from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.report.symbols import angles, in_symbols, listed, symbol, symbols, unit
 from bayesterra.sampling.summary import CREDIBLE
 from bayesterra.stats.diagnostics import divergence, hdi
 from bayesterra.stats.quantile_law import QuantileLaw
@@ -174,6 +175,14 @@ def reproduce_section(result: Result) -> Blocks:
         Table(say("reproduce"), "ll", ("", ""), facts),
         Table(say("checklist"), "ll", ("guideline", "section"), say.rows("checklist_rows")),
     )
+
+
+def signing_section(result: Result) -> Blocks:
+    """What was done, in words for a manuscript, and room for names."""
+    methods = (Text(in_symbols(part)) for part in methods_text(result).strip().split("\n\n"))
+    people = tuple((role, "", "", "") for role in ("prepared by", "checked by", "approved by"))
+    cited = "References in full: <code>bayesterra export DIR --bibtex</code>; figures, tables and this text likewise."
+    return (*methods, Text(Markup(cited)), Table("Sign-off.", "llll", ("", "name", "date", "signature"), people))  # noqa: S704 (a constant)
 
 
 BIT = float(np.log(2.0))

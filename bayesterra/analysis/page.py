@@ -11,6 +11,7 @@ from bayesterra.analysis.closing_page import (
     methods_section,
     prior_section,
     reproduce_section,
+    signing_section,
     words_section,
 )
 from bayesterra.analysis.findings_page import Finding, findings, strip
@@ -86,6 +87,7 @@ def _sections(draft: Draft[Result]) -> tuple[Section, ...]:
         draft.section("prior", "Sensitivity to prior and noise", prior_section),
         draft.section("words", "What the words mean", words_section),
         draft.section("reproduce", "Reproduce this", reproduce_section),
+        draft.section("signing", "Methods and sign-off", signing_section),
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import pandas as pd
@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from bayesterra.report.figures import Drawn
 
 Cell: TypeAlias = str | Markup
+HALF = 104
+"""Letters, at most, of a table that takes half of a page."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +31,29 @@ class Text:
 
 @dataclass(frozen=True)
 class Table:
-    """A table with a caption; ``align`` has one letter per column: l, r or c."""
+    """A table with a caption; ``align`` has one letter per column: l, r or c; ``number``: on its page."""
 
     kind: ClassVar[str] = "table"
     caption: Cell
     align: str
     header: tuple[Cell, ...]
     rows: tuple[tuple[Cell, ...], ...]
+    number: int = 0
+
+    @property
+    def wide(self) -> bool:
+        """Whether its cells need more than half of a page."""
+        longest = (max(map(_length, column)) for column in zip(self.header, *self.rows, strict=True))
+        return sum(min(length, 40) + 3 for length in longest) > HALF
 
     @property
     def sides(self) -> tuple[str, ...]:
         """Class of every column."""
         return tuple({"l": "left", "r": "right", "c": "centre"}[letter] for letter in self.align)
+
+
+def _length(cell: Cell) -> int:
+    return len(cell.striptags() if isinstance(cell, Markup) else cell)
 
 
 @dataclass(frozen=True)
@@ -51,21 +64,24 @@ class Picture:
     ----------
     data : as a ``data:`` address.
     width : at 1 × scale, CSS pixels.
+    drawn : what it shows, for other formats.
     """
 
     data: str
     alt: str
     width: int
+    drawn: Drawn = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)
 class Gallery:
-    """Pictures side by side with one caption; ``size`` is small, half or whole."""
+    """Pictures side by side with one caption; ``size`` is small, half or whole; ``number``: on its page."""
 
     kind: ClassVar[str] = "gallery"
     size: str
     pictures: tuple[Picture, ...]
     caption: Cell
+    number: int = 0
 
 
 Block: TypeAlias = Text | Table | Gallery
@@ -76,7 +92,7 @@ def drawing(drawn: Drawn, alt: str) -> Picture:
     """A figure of few marks, as SVG."""
     from bayesterra.report.figures import css_width, svg
 
-    return Picture(_address("image/svg+xml", svg(drawn)), alt, css_width(drawn))
+    return Picture(_address("image/svg+xml", svg(drawn)), alt, css_width(drawn), drawn)
 
 
 def photograph(drawn: Drawn, alt: str, width: int | None = None) -> Picture:
@@ -84,7 +100,7 @@ def photograph(drawn: Drawn, alt: str, width: int | None = None) -> Picture:
     from bayesterra.report.figures import css_width, png
 
     width = width or css_width(drawn)
-    return Picture(_address("image/png", png(drawn, 2 * width)), alt, width)
+    return Picture(_address("image/png", png(drawn, 2 * width)), alt, width, drawn)
 
 
 def _address(kind: str, content: bytes) -> str:

@@ -199,6 +199,12 @@ def svg(drawn: Drawn) -> bytes:
 
 
 @styled
+def pdf(drawn: Drawn) -> bytes:
+    """The figure as PDF, its text as text, the same bytes each time."""
+    return _saved(drawn, format="pdf", metadata={"CreationDate": None, "Creator": None, "Producer": None})
+
+
+@styled
 def png(drawn: Drawn, width: int) -> bytes:
     """The figure as PNG, ``width`` dots wide, on a transparent ground, the same bytes each time."""
     dpi = width / figure_of(drawn).get_size_inches()[0]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import count
 from typing import Any, Generic, Protocol, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayesterra.report.blocks import Blocks, Cell, Text
+from bayesterra.report.blocks import Block, Blocks, Cell, Text
 from bayesterra.report.symbols import angles, in_symbols, listed, symbol, symbols
 from bayesterra.report.verdicts import REPORT, Failures, Verdict, failed, sentences, unknown_verdict, with_failures
 
@@ -25,6 +26,18 @@ class Section:
     anchor: str
     title: str
     blocks: Blocks
+
+
+def numbered(sections: Sequence[Section]) -> tuple[Section, ...]:
+    """Sections whose tables and figures with captions are numbered through."""
+    numbers = {"table": count(1), "gallery": count(1)}
+
+    def counted(block: Block) -> Block:
+        if isinstance(block, Text) or not block.caption:
+            return block
+        return replace(block, number=next(numbers[block.kind]))
+
+    return tuple(replace(section, blocks=tuple(map(counted, section.blocks))) for section in sections)
 
 
 @dataclass(frozen=True)
@@ -56,6 +69,11 @@ class VerdictPage:
     def quoted(self) -> Markup:
         """The sentence with its symbols set as in the literature."""
         return in_symbols(self.sentence)
+
+    @property
+    def numbered(self) -> tuple[Section, ...]:
+        """All sections, their tables and figures counted through."""
+        return numbered(self.sections)
 
     @property
     def grade(self) -> str:

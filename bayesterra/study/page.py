@@ -223,7 +223,7 @@ def law_text(name: str, law: Law) -> Markup:
     """A prior law in field units.
 
     >>> str(law_text("phi", Law("uniform", lower=0.0, upper=0.8726646259971648)))
-    'uniform on 0 to 50&nbsp;deg'
+    'flat from 0 to 50&nbsp;deg'
     """
     scale = PARAMETERS[name].scale
     if isinstance(law, QuantileLaw):
@@ -232,9 +232,13 @@ def law_text(name: str, law: Law) -> Markup:
     limits = (law.lower / scale, law.upper / scale)
     ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
     if law.dist in RANGED:
-        return Markup("{} on {}").format(law.dist, ends)
+        return Markup("flat {}from {}").format("" if law.dist == "uniform" else "in its logarithm ", ends)
     inside = ", ".join(f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items())
     cut = Markup(", cut to {}").format(ends) if any(abs(x) < float("inf") for x in limits) else Markup("")
+    if law.dist == "norm":
+        return Markup("normal, {} ± {}{}").format(
+            *(given(law.shape.get(k, x) / scale) for k, x in (("loc", 0.0), ("scale", 1.0))), cut
+        )
     return Markup("{} ({}){}").format(law.dist, inside, cut)
 
 

@@ -127,7 +127,7 @@ def test_the_page_says_what_it_is_about(content: Page) -> None:
 
 def test_sections_stand_in_the_order_of_the_guidelines(html: str) -> None:
     """Data first, reproduction last."""
-    expected = "data sampling posterior checks loo identifiability methods prior words reproduce"
+    expected = "data sampling posterior checks loo identifiability methods prior words reproduce signing"
     assert re.findall(r'<section id="(\w+)"', html) == expected.split()
 
 
