@@ -118,12 +118,19 @@ def drive_over_time(log: Log, windows: list[Window]) -> FloatArray:
             if name in window.mean:
                 mean = window.mean[name] / channel.scale
                 ax.plot([window.start, window.end], [mean, mean], color=POSTERIOR, linewidth=1.6)
-        middle = log.values[name][~np.isnan(log.values[name])] / channel.scale
-        low, high = np.quantile(middle, [0.002, 0.998])
-        ax.set_ylim(low - 0.1 * (high - low) - 1e-9, high + 0.1 * (high - low) + 1e-9)
+        ax.set_ylim(*_limits(time, log.values[name] / channel.scale, windows))
     axes[-1].set_xlabel("time [s]")
     figure.suptitle(literal(f"{log.name}, {log.kind}"))
     return axes
+
+
+def _limits(time: FloatArray, samples: FloatArray, windows: list[Window]) -> tuple[float, float]:
+    """Limits of a panel: thrice the range within windows that give rows, else the range of all samples."""
+    kept = [(time >= w.start) & (time <= w.end) for w in windows if not w.rejected]
+    inside = samples[np.any(kept, axis=0)] if kept else samples
+    low, high = np.quantile(inside[~np.isnan(inside)], [0.002, 0.998])
+    margin = (1.0 if kept else 0.1) * (high - low) + 1e-9
+    return float(low - margin), float(high + margin)
 
 
 @styled

@@ -30,6 +30,8 @@ SLOPING = 2.5
 """Standard errors, at least, of a slope that is one."""
 HANGING = 0.75
 """Error of a mean, as a share of the spread, beyond which values hang together too long to tell a level."""
+SETTLING = 4.0
+"""Spreads of the second half, at least, by which a beginning that still settles is away from it."""
 RESOLVED = 1e-6
 """Resolution of a channel that never changes, as a share of its value."""
 SPEEDS = ("travel_speed", "rim_speed")
@@ -184,7 +186,7 @@ def _window(
     if speeds and max(map(abs, speeds)) < STEP * fastest:
         return replace(whole, rejected="wheel and carriage stand still")
     if whole.end - whole.start < SHORTEST * (time[-1] - time[0]):
-        return replace(whole, rejected=f"speeds change: none lasts {SHORTEST:.0%} of the log")
+        return replace(whole, rejected=f"too short: speeds change again before {SHORTEST:.0%} of the log are over")
     index, blocks, period = _blocks(clock, own.get("rim_speed"), settings)
     if blocks < FEWEST_BLOCKS:
         each = f"passing lugs, {period:.2g} s each" if period > 0 else f"blocks of {SAMPLES} samples"
@@ -235,17 +237,21 @@ def _steady_from(means: Mapping[str, FloatArray], steady: float) -> tuple[int, s
         unsteady = next((name for name in kept if not _is_steady(name, kept, steady)), "")
         if not unsteady:
             return int(first), ""
-    channel, values = LOGGED[unsteady], means[unsteady][-FEWEST_BLOCKS:]
-    ends = " to ".join(f"{value / channel.scale:.4g}" for value in (values[:3].mean(), values[-3:].mean()))
-    return 0, f"{channel.description} is not steady up to the end: {ends} {channel.unit} over the last blocks"
+    channel, values = LOGGED[unsteady], means[unsteady][~np.isnan(means[unsteady])][-FEWEST_BLOCKS:]
+    if len(values) < FEWEST_BLOCKS:
+        return 0, f"{channel.description} has readings in {len(values)} periods, and {FEWEST_BLOCKS} are needed"
+    change = f"{abs(_drift(values)[0]) / channel.scale:.2g} {channel.unit}"
+    return 0, f"{channel.description} is not steady up to the end: it changes by {change} over its last periods"
 
 
 def _is_steady(name: str, means: Mapping[str, FloatArray], steady: float) -> bool:
     values = means[name][~np.isnan(means[name])]
     if len(values) < FEWEST_BLOCKS:
         return False
-    drift, shown = _drift(values)
-    return not shown or abs(drift) <= steady * _scale(name, means)
+    tolerated, (drift, shown) = steady * _scale(name, means), _drift(values)
+    early, late = values[: len(values) // FEWEST_BLOCKS].mean(), values[len(values) // 2 :]
+    settling = abs(early - late.mean()) > max(tolerated, SETTLING * float(late.std(ddof=1)))
+    return not settling and (not shown or abs(drift) <= tolerated)
 
 
 def _drift(values: FloatArray) -> tuple[float, bool]:

@@ -143,6 +143,17 @@ def test_a_drive_that_never_settles_is_rejected_by_name(
     assert not list(tmp_path.glob("m.*"))
 
 
+def test_a_slow_beginning_is_not_part_of_the_window(drive: SimulatedDrive, write: Callable[..., Path]) -> None:
+    """A depth that settles exponentially to a level without noise: its mean is that of the level."""
+    time = drive.table["time [s]"].to_numpy()
+    depth = 23.9 - 8 * np.exp(-np.maximum(time - 3, 0) / 3) + 0.01 * np.random.default_rng(1).standard_normal(len(time))
+    first = time < 53
+    log = drive.table[first].assign(**{"sinkage [mm]": depth[first]})[[*drive.table.columns[:4]]]
+    (window,) = reduce_logs([write(log)], **WHEEL).kept
+    assert window.start > 10
+    assert window.mean["sinkage"] == pytest.approx(23.9e-3, abs=0.1e-3)
+
+
 def of_plate(path: Path) -> Reduction:
     """A plate of 100 mm."""
     return reduce_logs([path], plate="100 mm")
