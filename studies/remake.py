@@ -17,6 +17,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "tutorial": (("{folder}/tutorial.py",),),
     "hit-wh32": (RUN,),
     "cmu-grouser": (RUN, ("-m", "bayesterra", "run", "{folder}/wide.toml", "--out", "cmu-grouser-wide-result")),
+    "tables": SCRIPT,
     "paper/readings": SCRIPT,
     "paper/claims": SCRIPT,
     "paper/sensitivity": SCRIPT,
