@@ -45,6 +45,10 @@ _KEYS |= {"entries": "<parameter>", "chosen": "set", "sources": "from", "mixture
 """Key of the file for an attribute of such a class; empty where the attribute is no key."""
 
 
+_QUANTITIES = ("sd", "floor", "resolution", "lower", "upper", "shape")
+"""Attributes of such classes that a study file gives with the unit of their channel or parameter."""
+
+
 def _kind(shape: dict[str, Any]) -> str:
     """Kind of a value in words, from its JSON schema."""
     if "$ref" in shape:
@@ -98,7 +102,8 @@ def unit(of: type, key: str) -> str:
 
 def _shape_rows(shape: dict[str, Any], of: type) -> list[Row]:
     rows = []
-    for key, value in shape["properties"].items():
+    for key in (name for name in of.__dataclass_fields__ if name in shape["properties"]):
+        value = shape["properties"][key]
         measured = unit(of, key)
         kind = f"text with a unit of {measured}" if measured else _kind(value)
         limits = _limits(value)
@@ -129,8 +134,20 @@ def _described(of: type) -> dict[str, str]:
     return found
 
 
+def _kind_of(field: "dataclasses.Field[Any]") -> str:
+    """Kind of a value in words, from the type of the attribute that holds it."""
+    if field.name in _QUANTITIES:
+        return "text with a unit"
+    if field.name == "size":
+        return "text with a unit, or ``{ estimate = { dist = … } }``"
+    for word, kind in (("Law", "``{ dist = … }``"), ("Mapping", "table"), ("tuple", "list"), ("float", "number")):
+        if word in str(field.type):
+            return kind
+    return "text"
+
+
 def _class_rows(of: type) -> list[Row]:
-    """Keys of a table that a class holds, by its docstring and its fields' defaults."""
+    """Keys of a table that a class holds, by its docstring and its fields' types and defaults."""
     words = _described(of)
     rows = []
     for field in dataclasses.fields(of):
@@ -140,9 +157,7 @@ def _class_rows(of: type) -> list[Row]:
         default = "–" if field.default in (dataclasses.MISSING, None, "", ()) else f"``{field.default}``"
         default = "none" if default in ("``inf``", "``-inf``") else default
         meaning = words.get(field.name, "standard deviation of the error")
-        estimated = "size" if field.name == "size" else ""
-        kind = "quantity, or ``{ estimate = { dist = … } }``" if estimated else ""
-        rows.append((f"``{key}``", kind, default, meaning[:1].upper() + meaning[1:]))
+        rows.append((f"``{key}``", _kind_of(field), default, meaning[:1].upper() + meaning[1:]))
     return rows
 
 
@@ -158,7 +173,8 @@ def tables() -> Iterator[tuple[str, str, list[Row], str]]:
     content = json.loads(schema.json_schema())
     parts = content["$defs"]
     yield "", "", _shape_rows(content, schema.StudyContent), ""
-    for key, value in content["properties"].items():
+    for key in schema.StudyContent.__dataclass_fields__:
+        value = content["properties"][key]
         meaning = value.get("description", "")
         further = value.get("additionalProperties")
         name = str((further if isinstance(further, dict) else value).get("$ref", "")).rpartition("/")[2]
@@ -174,12 +190,10 @@ def markdown() -> str:
     lines: list[str] = []
     for heading, meaning, rows, template in tables():
         lines += [f"## `[{heading}]`" if heading else "## Before the first table", "", meaning, ""]
-        with_kinds = any(row[1] for row in rows)
         titles = ("key", "kind and unit", "default", "meaning")
         lines += [":::{table}", ":class: study-keys", ":align: left", ""]
-        columns = [0, 1, 2, 3] if with_kinds else [0, 2, 3]
-        lines += ["| " + " | ".join(titles[i] for i in columns) + " |", "|" + "---|" * len(columns)]
-        lines += ["| " + " | ".join((row[i] or " ").replace("|", "\\|") for i in columns) + " |" for row in rows]
+        lines += [f"| {' | '.join(titles)} |", "|---|---|---|---|"]
+        lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in rows]
         lines += [":::", ""]
         if template:
             lines += ["The template says:", "", "```toml", template.rstrip(), "```", ""]

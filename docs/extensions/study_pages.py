@@ -58,9 +58,12 @@ def gallery() -> str:
     cards = []
     for row in _ROW.finditer((STUDIES / "README.md").read_text(encoding="utf-8")):
         readme = STUDIES / row["folder"] / "README.md"
-        pictures = re.findall(r"!\[([^\]]*)\]\(([^)]+\.png)\)", readme.read_text(encoding="utf-8"))
+        linked = re.findall(r"!\[([^\]]*)\]\(([^)]+\.png)\)", readme.read_text(encoding="utf-8"))
+        pictures = linked + [(row["question"], each.name) for each in sorted(readme.parent.glob("*.png"))]
         first = next((pair for pair in pictures if (readme.parent / pair[1]).is_file()), None)
-        picture = f"![{first[0]}](studies/{row['folder']}/{first[1]})" if first else ""
+        if first:
+            shutil.copyfile(readme.parent / first[1], PAGES / row["folder"] / Path(first[1]).name)
+        picture = f"![{first[0]}](studies/{row['folder']}/{Path(first[1]).name})" if first else ""
         question = _EQUATION.sub(r"\g<0> of Ding et al. 2015", row["question"])
         words = f"**[{question}](studies/{row['folder']}/README.md)**\n\n{row['answer']}."
         cards.append(f":::{{container}} card\n{picture}\n\n{words}\n:::\n")

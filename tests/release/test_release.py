@@ -64,3 +64,25 @@ def test_every_public_name_can_be_had() -> None:
     """Names of ``__all__`` exist, and ``dir`` shows them."""
     assert set(bayesterra.__all__) <= set(dir(bayesterra))
     assert all(getattr(bayesterra, name) is not None for name in bayesterra.__all__)
+
+
+def test_the_recipe_asks_for_what_the_project_does() -> None:
+    """Version, Python and every requirement with its bounds; conda has matplotlib without windows."""
+    recipe = (ROOT / "recipe" / "recipe.yaml").read_text(encoding="utf-8")
+    assert f'version: "{PROJECT["version"]}"' in recipe
+    listed = re.findall(r"^    - (.+)$", recipe.partition("  run:\n")[2].partition("\ntests:")[0], re.M)
+    asked = {item.replace(" ", "").replace("matplotlib-base", "matplotlib") for item in listed}
+    assert asked == {*PROJECT["dependencies"], f"python{PROJECT['requires-python']}"}
+
+
+def test_the_paper_cites_what_it_lists() -> None:
+    """Every key of its text stands in the bibliography, and the other way round."""
+    text, listed = ((ROOT / "paper" / name).read_text(encoding="utf-8") for name in ("paper.md", "paper.bib"))
+    assert set(re.findall(r"@([a-z]+\d{4})", text)) == set(re.findall(r"^@\w+\{(\w+),", listed, re.M))
+
+
+def test_the_workflow_runs_what_a_change_must_pass() -> None:
+    """The one script, and actions by their commits."""
+    workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
+    assert "run: .ci/run" in workflow
+    assert all(re.search(r"@[0-9a-f]{40} ", line) for line in workflow.splitlines() if "uses:" in line)
