@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from html import unescape
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,6 @@ from bayesterra.study.result import AnalysisResult, Result
 FIGURES = {"svg": svg, "pdf": pdf, "png": white_png}
 KINDS = {"figures": (*FIGURES,), "tables": ("latex", "csv"), "to": ("csv", "json")}
 """Options, and the formats that each may name."""
-_REFERENCES = files("bayesterra.report") / "templates" / "references.bib"
 _LETTERS = (
     "αalpha βbeta γgamma δdelta ηeta θtheta κkappa λlambda μmu νnu ρrho σsigma τtau φvarphi χchi ψpsi ωomega ΔDelta"
     " ΣSigma ±pm ×times ≤le ≥ge ∞infty †dagger ▼blacktriangledown ▲blacktriangle ✓checkmark ·cdot √surd"
@@ -177,7 +175,7 @@ def _as_json(result: Result) -> str:
 
 def references() -> str:
     """What :func:`methods_text` cites, for BibTeX."""
-    return _REFERENCES.read_text(encoding="utf-8")
+    return render(None, "references.bib")
 
 
 def methods_text(result: Result) -> str:
