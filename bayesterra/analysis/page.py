@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
+from bayesterra.analysis import figures as analysis_figures
 from bayesterra.analysis.closing_page import (
     added_sections,
     methods_section,
@@ -14,30 +18,43 @@ from bayesterra.analysis.closing_page import (
     signing_section,
     words_section,
 )
+from bayesterra.analysis.figures import PRIOR_MASS
 from bayesterra.analysis.findings_page import Finding, findings, strip
-from bayesterra.analysis.outputs_page import (
-    Driving,
-    driving,
-    posterior_section,
-    predictive_section,
-    reached,
-    sampling_section,
+from bayesterra.arrays import FloatArray
+from bayesterra.checking import validation_page
+from bayesterra.checking.validation import complete_soils, estimates, spread_draws
+from bayesterra.checking.validation_page import (
+    cross_validation_section,
+    misfit_warning,
+    missed_sections,
+    posterior_checks,
+    prior_predictive,
 )
-from bayesterra.checking.validation import estimates, spread_draws
-from bayesterra.checking.validation_page import cross_validation_section, misfit_warning, missed_sections
 from bayesterra.identifiability.evidence_page import identifiability_section
 from bayesterra.likelihood.correlated import TYPICAL
+from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.parameters import PARAMETERS
-from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
-from bayesterra.report.numbers import interval, moments, resolution, rounded
+from bayesterra.models.traction import SLIP_GRID
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
+from bayesterra.report.numbers import (
+    NOTHING,
+    estimate,
+    given,
+    interval,
+    moments,
+    plain,
+    resolution,
+    rounded,
+    with_error,
+)
 from bayesterra.report.sections import Draft, Prose, Section, VerdictPage
-from bayesterra.report.symbols import QUANTITIES, angles, symbol
+from bayesterra.report.symbols import QUANTITIES, amount, angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
-from bayesterra.report.verdicts import Verdict
+from bayesterra.report.verdicts import Verdict, failed
 from bayesterra.stats.quantile_law import QuantileLaw
-from bayesterra.study.page import StripRow, crosscheck_line, keys, unconverged
+from bayesterra.study.page import StripRow, crosscheck, crosscheck_line, keys, unconverged
 from bayesterra.study.result import IdentifiabilityRow, Result, identifiability_rows, summary_rows
 from bayesterra.study.study import Study
 
@@ -176,3 +193,214 @@ def _verdict(row: IdentifiabilityRow) -> str:
     if row.verdict != "coupled":
         return row.word
     return f"coupled with {PARAMETERS[row.coupled_with].symbol if row.coupled_with else 'several'}"
+
+
+def sampling_section(result: Result) -> Blocks:
+    """Sampling quality."""
+    ranks = drawing(analysis_figures.all_ranks(result), "Rank histograms of every parameter")
+    traces = photograph(analysis_figures.traces(result), "Traces of the log density and of every parameter")
+    return (
+        _checks(result), Text(_evidence(result.record)), *crosscheck(result.record), _chains(result),
+        Gallery("whole", (ranks,), say("ranks")), Gallery("whole", (traces,), say("traces")),
+    )  # fmt: skip
+
+
+def _evidence(record: Mapping[str, Any]) -> Markup:
+    """The log evidence in a sentence, and how far to trust it."""
+    evidence = record.get("evidence")
+    if evidence is None:
+        return Markup("{}").format(failed(record, "evidence"))
+    z, error = with_error(evidence["log_z"], evidence["error"])
+    share, share_error = with_error(evidence["log_share"], evidence["log_share_error"])
+    return say("evidence", z, error, share, share_error, evidence)
+
+
+def _checks(result: Result) -> Table:
+    rows = tuple(
+        (
+            Markup("<b>{}</b>").format("passed" if check["passed"] else "FAILED"),
+            check["name"],
+            plain(check["value"], 4),
+            plain(check["threshold"], 4),
+            "" if check["passed"] else check["advice"],
+        )
+        for check in result.record["verdict"]["checks"]
+    )
+    sampling, settings = result.record["sampling"], result.record["settings"]
+    caption = say("checks", settings, sampling["steps"], plain(sampling["acceptance"], 2))
+    return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
+
+
+def _chains(result: Result) -> Table:
+    tau = result.record["sampling"]["tau"]
+    rows: list[tuple[Cell, ...]] = []
+    for name, row in summary_rows(result).items():
+        effective = (plain(value) for value in (row.ess_bulk, row.ess_tail, tau.get(name)))
+        errors = (plain(error, 2) for error in (row.mcse_mean, row.mcse_median, row.mcse_sd))
+        rows.append((symbol(name), f"{row.r_hat:.4f}", *effective, *errors))
+    header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
+    return Table(say("chains"), "lrrrrrrr", header, tuple(rows))
+
+
+def posterior_section(result: Result) -> Blocks:
+    """The posterior: table, corner plot, correlations."""
+    corner = photograph(
+        analysis_figures.corner(result),
+        "Corner plot of all pairs of parameters: posterior, prior and point estimates",
+        width=1060,
+    )
+    heat = drawing(analysis_figures.correlations(result), "Correlations of all pairs of parameters")
+    pairs = Gallery("whole", (corner,), say("corner", 100 * PRIOR_MASS))
+    return (_summary(result), pairs, Gallery("half", (heat,), say("correlations")))
+
+
+def _summary(result: Result) -> Table:
+    rows: list[tuple[Cell, ...]] = []
+    for name, row in summary_rows(result).items():
+        step = resolution(*row.hdi)
+        values = (rounded(value, step) for value in (row.mode, row.median, row.mean))
+        prior = moments(row.prior_mean, row.prior_sd)
+        what = (symbol(name), angles(QUANTITIES[name].description), unit(name) or NOTHING)
+        rows.append((*what, *values, plain(row.sd, 2), interval(*row.hdi), *prior))
+    header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
+    return Table(say("summary"), "lllrrrrrrr", header, tuple(rows))
+
+
+def predictive_section(result: Result) -> Blocks:
+    """Predictive checks."""
+    blocks: list[Block] = list(posterior_checks(result))
+    if line := failed(result.record, "curves"):
+        blocks.append(Text(line, "bad"))
+    else:
+        for wheel in result.study.wheels:
+            blocks += [_bands(result, wheel), slip_table(result, wheel)]
+    blocks += [_residuals(result), prior_predictive(result)]
+    return tuple(blocks)
+
+
+def _bands(result: Result, wheel: str) -> Gallery:
+    channels = [str(name) for name in result.draws["curves"]["outcome"].to_numpy()]
+    drawn = {name: validation_page.predictive(result, name, wheel=wheel) for name in channels}
+    pictures = tuple(
+        drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}") for name, axes in drawn.items()
+    )
+    lines = listed(f"{name} {LINES[name]}" for name in complete_soils(result))
+    return Gallery("small", pictures, say("bands", wheel, result.study.drive.level, lines))
+
+
+LINES = {
+    "IM1": "long dashes (vermilion)",
+    "IM2": "dots (green)",
+    "IM3": "dash-dot (purple)",
+    "joint": "short dashes (orange)",
+}
+SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
+
+
+def _residuals(result: Result) -> Gallery:
+    pictures = tuple(
+        drawing(validation_page.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}")
+        for name in result.study.noise
+    )
+    marks = ", ".join(f"{name} {SIGNS[name]}" for name in complete_soils(result))
+    return Gallery("small", pictures, say("residuals", marks))
+
+
+FEW = 3
+
+
+@dataclass(frozen=True)
+class Driving:
+    """The small tables of the first screen and their remark.
+
+    Attributes
+    ----------
+    rows : quantity, median and interval of the derived quantities.
+    slip_header, slip_rows : pull and sinkage at a few of the driven slips.
+    """
+
+    heading: str
+    rows: tuple[tuple[Cell, ...], ...]
+    slip_header: tuple[Cell, ...]
+    slip_rows: tuple[tuple[Cell, ...], ...]
+    remark: Markup
+
+    @classmethod
+    def unknown(cls) -> Driving:
+        """The table where it cannot be made; the head of the page says why."""
+        return cls("", (), (), (), Markup("Not known."))
+
+
+def driving(result: Result) -> Driving:
+    """Derived quantities, and pull and sinkage at a few of the driven slips."""
+    wheel, summary = next(iter(result.study.wheels)), summary_rows(result)
+    slips = driven_slips(result, wheel)
+    few = slips[np.unique(np.linspace(0, len(slips) - 1, FEW).round().astype(int))]
+    header, rows = _at_slips(result, wheel, ("drawbar_pull", "sinkage"), few)
+    load = reference_load(result.study)
+    derived: list[tuple[Cell, ...]] = []
+    for name in (name for name in DERIVED if name in summary):
+        middle, ends = reached(name, *summary[name].hdi, *estimate(summary[name].median, *summary[name].hdi))
+        derived.append((DERIVED[name].description, amount(name, middle), ends))
+    return Driving(
+        f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
+        tuple(derived),
+        header,
+        rows,
+        _remark(result, slips),
+    )
+
+
+def reached(name: str, low: float, high: float, *cells: str) -> tuple[str, ...]:
+    """Cells on a quantity, its interval the last; what ends with the search says so.
+
+    >>> reached("peak_pull_slip", 0.8, 0.8, "0.800", "0.800–0.800")
+    ('–', 'not reached below 0.8')
+    >>> reached("peak_pull_slip", 0.41, 0.8, "0.60", "0.41–0.80")
+    ('0.60', '0.41 or more')
+    """
+    if not name.endswith("_slip") or high < SLIP_GRID[-1] - 1e-9:
+        return cells
+    if low >= SLIP_GRID[-1] - 1e-9:
+        return (*[NOTHING] * (len(cells) - 1), f"not reached below {SLIP_GRID[-1]:.2g}")
+    return (*cells[:-1], f"{rounded(low, resolution(low, high))} or more")
+
+
+def driven_slips(result: Result, wheel: str) -> FloatArray:
+    """Slips of the wheel's rows that are in the fit, each once, ascending."""
+    rows = result.study.observations.used()
+    mine = np.array([name == wheel for name in rows.wheel])
+    return np.unique(rows.slip[mine] if mine.any() else rows.slip)
+
+
+def _at_slips(
+    result: Result, wheel: str, channels: tuple[str, ...], slips: FloatArray
+) -> tuple[tuple[Cell, ...], tuple[tuple[Cell, ...], ...]]:
+    """Head and rows of a table of modelled values at slips, of those channels that the drive gives."""
+    curves = result.draws["curves"].sel(wheel=wheel)
+    outcomes = [name for name in channels if name in curves["outcome"]]
+    drawn = {name: field_values(name, curves["modelled"].sel(outcome=name).to_numpy()) for name in outcomes}
+    heads = [head for name in outcomes for head in (with_unit(name), "90 %")]
+    rows = []
+    for slip in slips:
+        cells: list[Cell] = [f"{slip:.3g}"]
+        for name in outcomes:
+            bands = drawn[name][[0, 2, 4]]
+            low, middle, high = (np.interp(slip, curves["slip"].to_numpy(), band) for band in bands)
+            cells += estimate(middle, low, high)
+        rows.append(tuple(cells))
+    return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
+
+
+def _remark(result: Result, slips: FloatArray) -> Markup:
+    """Remark on where the numbers leave the driven slips."""
+    row = summary_rows(result).get("peak_pull_slip")
+    peak = row.hdi90_hi if row is not None else -np.inf
+    return say("remark", bool(result.study.errors.discrepancy), peak, SLIP_GRID[-1], slips[-1])
+
+
+def slip_table(result: Result, wheel: str) -> Table:
+    """All outcomes at every driven slip of a wheel."""
+    outcomes = tuple(str(name) for name in result.draws["curves"]["outcome"].to_numpy())
+    header, rows = _at_slips(result, wheel, outcomes, driven_slips(result, wheel))
+    return Table(say("slip_table", wheel), "l" + "rr" * len(outcomes), header, rows)

@@ -44,7 +44,7 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
             f"model {study.model.name}, {study.drive}-driven",
             f"{rows} rows left out in {len(holdout.levels)} levels",
         ),
-        warning=_warning(holdout),
+        warning=say("warning", listed(each.level for each in holdout.outcomes if each.status != "converged")),
         verdicts=(_prediction(holdout), _skill(holdout), _refits(holdout)),
         sections=(
             Section("rows", "Left-out readings", _rows_section(holdout)),
@@ -55,11 +55,6 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
         version=holdout.record["versions"]["bayesterra"],
         template="holdout.html",
     )
-
-
-def _warning(holdout: Holdout) -> Markup:
-    wrong = [outcome.level for outcome in holdout.outcomes if outcome.status != "converged"]
-    return say("warning", listed(wrong))
 
 
 def _prediction(holdout: Holdout) -> Verdict:

@@ -64,10 +64,6 @@ def _contrast(degree: int) -> Statistic:
     return value
 
 
-def _misfit(z: FloatArray, slip: FloatArray) -> FloatArray:
-    return np.asarray((z**2).sum(axis=-1))
-
-
 def _neighbours(z: FloatArray, slip: FloatArray) -> FloatArray:
     total = np.maximum((z**2).sum(axis=-1), 1e-300)
     return np.asarray((z[..., 1:] * z[..., :-1]).sum(axis=-1) / total)
@@ -79,7 +75,7 @@ LARGEST = TestStatistic("largest", "largest reading", "has a largest reading tha
 
 OF_RESIDUALS = (
     TestStatistic("misfit", "sum of squared residuals", "scatters more than the noise allows",
-                False, 1, _misfit),
+                False, 1, lambda z, slip: np.asarray((z**2).sum(axis=-1))),
     TestStatistic("level", "mean residual", "is shifted as a whole", True, 1, _contrast(0)),
     TestStatistic("slope", "slope over slip", "rises or falls with slip otherwise than the model",
                 True, 2, _contrast(1)),

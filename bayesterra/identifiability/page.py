@@ -44,7 +44,7 @@ def identifiability_page(made: Identified) -> VerdictPage:
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(f"{study.kind} data", f"model {study.model.name}, {study.drive}-driven", drawn),
-        warning=_warning(made),
+        warning=say("warning", made.record["converged"]),
         verdicts=(_directions_card(made), _parameters_card(made), _agreement_card(made)),
         sections=(
             Section("verdicts", "Verdicts", _verdict_section(made)),
@@ -57,12 +57,6 @@ def identifiability_page(made: Identified) -> VerdictPage:
         version=made.record["versions"]["bayesterra"],
         template="identifiability.html",
     )
-
-
-def _warning(made: Identified) -> Markup:
-    if made.record["converged"]:
-        return Markup("")
-    return say("warning")
 
 
 def _directions_card(made: Identified) -> Verdict:

@@ -240,7 +240,8 @@ def profiles(
         prior_draws = draw_cut_prior(posterior, POOL, rng).x
     scaled = chart(posterior)
     point_sets = [np.atleast_2d(points) for points in (references, draws) if points is not None]
-    pool = np.vstack([_thinned(points, rng) for points in (prior_draws, *point_sets)])
+    sets = (prior_draws, *point_sets)
+    pool = np.vstack([x if len(x) <= POOL else x[rng.choice(len(x), POOL, replace=False)] for x in sets])
     starts, beforehand = scaled.from_physical(pool), scaled.from_physical(np.vstack([*point_sets, pool[:0]]))
     target = Target(posterior, scaled, False, anchor=np.full(pool.shape[1], 0.5))
     levels = [0.5 * level for level in LEVELS.values()]
@@ -260,11 +261,6 @@ def profiles(
         prior_draws.std(axis=0),
         scaled.ends,
     )
-
-
-def _thinned(draws: FloatArray, rng: Generator) -> FloatArray:
-    """At most ``POOL`` of the draws, without replacement."""
-    return draws if len(draws) <= POOL else draws[rng.choice(len(draws), POOL, replace=False)]
 
 
 @dataclass(frozen=True)

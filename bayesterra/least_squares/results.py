@@ -154,7 +154,11 @@ def _side_by_side(fits: Mapping[str, Fit], study: Study) -> Table:
     known = ("truth" if reference is study.truth else "published",) if reference else ()
     lines = []
     for name, unit in report_table(fits).drop_duplicates("parameter")[["parameter", "unit"]].itertuples(index=False):
-        stated = (_known(reference.values, name),) if reference else ()
+        stated = (
+            [f"{v / PARAMETERS[name].scale:.4g}" if (v := reference.values.get(name)) is not None else ""]
+            if reference
+            else []
+        )
         lines.append((_label(name), unit, *(_cell(fit, name) for fit in fits.values()), *stated))
     header = ("parameter", "unit", *(fit.method for fit in fits.values()), *known)
     emulated = any(fit.solver != "converged" for fit in fits.values())
@@ -174,10 +178,6 @@ def _cell(fit: Fit, name: str) -> str:
         return "–"
     mark = "= " if name in fit.held else "| " if name in fit.at_bound else ""
     return f"{mark}{value:.4g}"
-
-
-def _known(values: Mapping[str, float], name: str) -> str:
-    return f"{values[name] / PARAMETERS[name].scale:.4g}" if name in values else ""
 
 
 def _sentence(fit: Fit) -> str:

@@ -96,8 +96,9 @@ class Overrides:
         delta = stated.delta if self.delta is None else self.delta
         if not delta > 0:
             raise StudyError(f"'delta' must be above 0 (got {delta:g})")
-        for table in (self.hold, self.start, self.lower, self.upper, stated.hold, stated.start):
-            _check_known(table or {}, study)
+        tables = (self.hold, self.start, self.lower, self.upper, stated.hold, stated.start)
+        for name in (name for table in tables for name in table or {} if name not in study.model.parameters):
+            raise StudyError(f"least squares: the model {study.model.name} knows no parameter {name!r}")
         return Overrides(
             {**_held_by_study(study), **(stated.hold if self.hold is None else self.hold)},
             stated.start if self.start is None else self.start,
@@ -114,12 +115,6 @@ def _check(name: str, value: float) -> None:
     check_number(name, value)
     if not np.isfinite(value):
         raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
-
-
-def _check_known(table: Mapping[str, float], study: Study) -> None:
-    for name in table:
-        if name not in study.model.parameters:
-            raise StudyError(f"least squares: the model {study.model.name} knows no parameter {name!r}")
 
 
 def _held_by_study(study: Study) -> dict[str, float]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from bayesterra.arrays import BoolArray, FloatArray
+from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import Forward, take
 from bayesterra.models.decoupled import MARGIN, leaving, ratio
 from bayesterra.parameters import SOIL_PARAMETERS
@@ -231,9 +231,7 @@ class ClippedModel:
         sets, which = np.unique(rows, axis=0, return_inverse=True)
         for i in range(len(sets)):
             mask = which == i
-            out[mask] = run(_part(self.forward, mask), sets[i : i + 1])
+            conditions = take(self.forward.conditions, mask)
+            part = replace(self.forward, conditions=conditions, given=self.forward.given[mask])
+            out[mask] = run(part, sets[i : i + 1])
         return out
-
-
-def _part(forward: Forward, mask: BoolArray) -> Forward:
-    return replace(forward, conditions=take(forward.conditions, mask), given=forward.given[mask])

@@ -261,7 +261,7 @@ def _weighted(
     likelihood = posterior.likelihood
     if not likelihood.rows_apart:
         return _jointly_weighted(posterior, np.atleast_2d(x), scaled, read)
-    place, width = _weights(likelihood.noise)
+    place, width = np.sqrt([each.tails.information for each in likelihood.noise]).T  # a law's, of place and scale
     read = np.tile(read, 2)
     slopes = [place[:, None] * scaled.local.by_parameter, width[:, None] * scaled.spread]
     by_x = np.concatenate([part / scaled.scale[..., None] for part in slopes], axis=2)
@@ -383,12 +383,6 @@ def without_load(by_x: FloatArray, by_load: FloatArray, prior: float) -> FloatAr
     gain = np.divide(1.0 - kept, size, out=np.zeros_like(size), where=size != 0)
     along = np.einsum("nmk,nmkd->nmd", by_load, by_x)
     return np.asarray(by_x - (gain[..., None] * by_load)[..., None] * along[:, :, None])
-
-
-def _weights(noise: Sequence[Noise]) -> tuple[FloatArray, FloatArray]:
-    """Roots (k,) of a and b: information of a law of unit scale about its place and its scale."""
-    place, width = np.array([each.tails.information for each in noise]).T
-    return np.sqrt(place), np.sqrt(width)
 
 
 def _spread_slopes(posterior: Posterior, local: Sensitivities) -> tuple[FloatArray, FloatArray]:

@@ -379,7 +379,8 @@ def predict_rover(
     if not isinstance(rover, Rover):
         path = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
         rover = read_rover(path, result.study.wheels, prior_phi(result.study))
-    result = result.of_group(group, wheel=_driven(result.study, rover))
+    at_both = (name for name, wheel in result.study.wheels.items() if {wheel} == set(rover.wheels))
+    result = result.of_group(group, wheel=next(at_both, ""))
     study = result.study
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))
@@ -390,7 +391,9 @@ def predict_rover(
         ground = _with_curves(study, rover, ground, draws)
     sweeps = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
     pulled = sweep(rover, ground, len(draws), "tow")
-    asked = _joined([states_at(rover, ground, sweeps[tow], alphas) for tow in pulls])
+    states = [states_at(rover, ground, sweeps[tow], alphas) for tow in pulls]
+    each = {of.name: [getattr(state, of.name) for state in states] for of in fields(State)}
+    asked = State(**{name: np.concatenate(parts, axis=1) for name, parts in each.items()})
     steepest = max(alphas.max(), SLOPES[-1])
     rows = study.observations.used().slip
     driven = (float(rows.min()), float(rows.max()))
@@ -404,12 +407,6 @@ def predict_rover(
         remarks=tuple(_remarks(study, rover, asked, known=bool(result.basis))), basis=result.basis,
         conditions=conditions,
     )  # fmt: skip
-
-
-def _driven(study: Study, rover: Rover) -> str:
-    """Name of the study's wheel that a rover has at both axles, or nothing."""
-    wheels = set(rover.wheels)
-    return next((name for name, wheel in study.wheels.items() if {wheel} == wheels), "")
 
 
 def checked_slopes(slopes: Sequence[float | str]) -> FloatArray:
@@ -448,12 +445,6 @@ def _over_tow(rover: Rover, ground: Ground, slope: float, tows: FloatArray, flat
         return None
     traction = flat if slope == 0 else sweep(rover, ground, len(flat.held), "tow", slope)
     return states_at(rover, ground, traction, np.linspace(0.0, tows[-1], CURVE))
-
-
-def _joined(states: Sequence[State]) -> State:
-    """States (n, k) side by side."""
-    names = [field.name for field in fields(State)]
-    return State(**{name: np.concatenate([getattr(state, name) for state in states], axis=1) for name in names})
 
 
 def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterator[str]:

@@ -18,7 +18,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, check_seed, enumerated
-from bayesterra.likelihood.forward import Forward, Outcomes, derive_for, load_of
+from bayesterra.likelihood.forward import Forward, derive_for, load_of
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.models.geometry import convert_slip
@@ -386,10 +386,11 @@ def predict(
     rng = default_rng(seed)
     outcomes = replace(blocks[0], values=np.concatenate([block.values for block in blocks], axis=1))
     readings = posterior(study).drive(forward, outcomes, draws, name_of(study, driven), rng).values
+    efficiency = tractive_efficiency(outcomes["drawbar_pull"], outcomes["resistance_moment"], forward.conditions)
     rows = study.observations.used().slip
     return Prediction(
         title=study.title, name=called, wheel=driven, load=carried, slip=at,
-        modelled=_with_efficiency(outcomes, forward.conditions),
+        modelled=np.concatenate([outcomes.values, efficiency[:, :, None]], axis=2),
         readings=np.concatenate([readings, np.full((*readings.shape[:2], 1), np.nan)], axis=2),
         reasons=np.column_stack([block.status for block in blocks]), index=index,
         driven=(float(rows.min()), float(rows.max())), derived=_derived(study, driven, carried, draws),
@@ -404,11 +405,6 @@ def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
     take = np.arange(0, len(draws), max(1, -(-len(draws) // most)))
     chain, draw = np.divmod(take, result.draws["posterior"].sizes["draw"])
     return draws[take], np.column_stack([chain, draw])
-
-
-def _with_efficiency(outcomes: Outcomes, conditions: Conditions) -> FloatArray:
-    efficiency = tractive_efficiency(outcomes["drawbar_pull"], outcomes["resistance_moment"], conditions)
-    return np.concatenate([outcomes.values, efficiency[:, :, None]], axis=2)
 
 
 def name_of(study: Study, driven: Wheel) -> str | None:

@@ -26,7 +26,7 @@ import pandas as pd
 from numpy.lib.format import read_array_header_1_0, read_array_header_2_0, read_magic
 from numpy.typing import NDArray
 
-from bayesterra.errors import ResultError, checked_path
+from bayesterra.errors import ResultError, checked_path, counted
 from bayesterra.runtime.folders import part_of, to_disk, write_bytes, write_text
 from bayesterra.runtime.ownership import BEGUN, RUN, SEGMENT, TASK, TASKS, WORK, Lock, kind_of
 from bayesterra.runtime.reading import MOST_SEGMENT, UNREADABLE, parsed_json, read_bytes, read_json
@@ -102,7 +102,9 @@ class Checkpoints(CheckpointStore):
             raise _refusal(folder, difference(begun, present))
         damaged = cls(folder, _digest(present))._without_damage()
         handle = os.open(folder, os.O_RDONLY)  # while it is open, no other folder gets its number
-        opened = cls(folder, _digest(present), (*damaged, *_resumed(folder)), Lock(handle, folder))
+        saved = len(_names(folder))
+        resumed = [f"going on from {counted(saved, 'saved segment')}"] if saved else []
+        opened = cls(folder, _digest(present), (*damaged, *resumed), Lock(handle, folder))
         finalize(opened, os.close, handle)
         if begun is None:
             record = {"run": _digest(present), "kind": kind, "identity": present}
@@ -193,11 +195,6 @@ def _names(folder: Path) -> list[str]:
 
 def _is_task(name: str) -> bool:
     return name.startswith(TASK) and name.removeprefix(TASK).isdecimal()
-
-
-def _resumed(folder: Path) -> tuple[str, ...]:
-    saved = len(_names(folder))
-    return (f"going on from {saved} saved segment{'s' * (saved > 1)}",) if saved else ()
 
 
 def _refuse_what_is_no_file(folder: Path) -> None:

@@ -214,12 +214,8 @@ def _strange(path: Path, name: str, names: Collection[str], inner: Collection[st
                 yield from _strange(below, f"{name}/{below.name}", names, inner)
             elif not (_AT_WORK.fullmatch(below.name) and _is_file(below)):
                 yield below
-    elif os.path.lexists(path) and not (_is_file(path) and _is_own(name, names)):
+    elif os.path.lexists(path) and not (_is_file(path) and {name, _TEMPORARY.sub("", name)} & {*names, *_NOBODYS}):
         yield path
-
-
-def _is_own(name: str, names: Collection[str]) -> bool:
-    return name in names or _TEMPORARY.sub("", name) in names or name in _NOBODYS
 
 
 def remove_ours(folder: Path, names: Collection[str], kept: Collection[Path] = ()) -> None:

@@ -12,7 +12,7 @@ after another, each fitted to the points around the greatest weight.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
@@ -305,7 +305,7 @@ def add_components(
     if not components:
         return proposal
     straight, share = proposal.transport_map, SHARE / components
-    mixture = _thinned(proposal.mixture, 1.0 - SHARE)
+    mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
     points = _Points.of(proposal, mixture, evaluated.u, evaluated.level)
     for _ in range(components):
         component = points.component()
@@ -319,10 +319,6 @@ def add_components(
         fresh = _Points.of(proposal, mixture, u, evaluated.log_target(u))
         points = points.with_component(component, share).joined(fresh)
     return Proposal(straight, mixture)
-
-
-def _thinned(mixture: StudentMixture, share: float) -> StudentMixture:
-    return StudentMixture(share * mixture.weights, mixture.means, mixture.factors, mixture.dof)
 
 
 @dataclass(frozen=True)

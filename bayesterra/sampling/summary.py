@@ -171,7 +171,9 @@ def find_mode(
     soil = np.array([not name.startswith(SIZES) and name not in held for name in posterior.names])
     near = np.where(soil, draws, [median[name] for name in posterior.names])
     density = posterior.log_density(near)
-    starts = near[np.argsort(-density, kind="stable")[_spaced(len(near))]]
+    n = len(near)  # the densest first, then ever further down the list
+    ranks = sorted({min(n - 1, int(n * 0.5 * (i / (STARTS - 1)) ** 2)) for i in range(STARTS)})
+    starts = near[np.argsort(-density, kind="stable")[ranks]]
     others = [[{**median, **guess, **held}[name] for name in posterior.names] for guess in guesses]
     starts = np.vstack([starts, *others])
     starts = starts[posterior.log_density(starts) > -np.inf]
@@ -191,8 +193,3 @@ def densest(posterior: Posterior, draws: FloatArray) -> Mode:
     density = posterior.log_density(draws)
     best = int(density.argmax())
     return Mode(draws[best], float(density[best]), 0, 0)
-
-
-def _spaced(n: int) -> list[int]:
-    """Ranks of the starting points: the densest, then ever further down the list."""
-    return sorted({min(n - 1, int(n * 0.5 * (i / (STARTS - 1)) ** 2)) for i in range(STARTS)})

@@ -76,7 +76,8 @@ def descend(problem: Problem, y: FloatArray, held: BoolArray, most: int = MOST) 
         at, stay = y[going], held[going]
         move = _damped(problem, at, local, stay, shift=np.zeros_like(at), damping=damping[going])
         new = np.clip(at + move, 0.0, 1.0)
-        promised = _promise(local, new - at)
+        bent = np.einsum("ni,nij,nj->n", new - at, local.curvature, new - at)
+        promised = -np.einsum("ni,ni->n", local.slope, new - at) - 0.5 * bent  # as the quadratic models see it
         level = problem.value(new)
         with np.errstate(invalid="ignore"):
             ratio = np.where(np.isfinite(level), (value[going] - level) / np.maximum(promised, 1e-300), -1.0)
@@ -97,12 +98,6 @@ def _damped(
     curvature = local.curvature + extra[:, :, None] * np.eye(y.shape[1])
     slack = np.maximum(problem.slack(y), 0.0)
     return steps(curvature, local.slope, rows=problem.rows, slack=slack, held=held, shift=shift)
-
-
-def _promise(local: Local, move: FloatArray) -> FloatArray:
-    """Decrease (n,) that the quadratic models see in the moves."""
-    bent = np.einsum("ni,nij,nj->n", move, local.curvature, move)
-    return np.asarray(-np.einsum("ni,ni->n", local.slope, move) - 0.5 * bent)
 
 
 def _renewed(problem: Problem, local: Local, y: FloatArray, moved: BoolArray, kept: BoolArray) -> Local:

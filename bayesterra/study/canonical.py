@@ -105,11 +105,8 @@ def fingerprint(study: Study) -> dict[str, str]:
 
 
 def _digest(content: Any) -> str:
-    return sha256(json.dumps(content, sort_keys=True, default=_jsonable).encode()).hexdigest()
-
-
-def _jsonable(value: Any) -> Any:
-    return value.tolist() if isinstance(value, np.ndarray) else dict(value)
+    text = json.dumps(content, sort_keys=True, default=lambda x: x.tolist() if isinstance(x, np.ndarray) else dict(x))
+    return sha256(text.encode()).hexdigest()
 
 
 def _sourceless(content: Any) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -145,12 +144,9 @@ def _population(name: str, value: object, *, bare: bool) -> Population:
     for key, entry in content.items():
         if key not in ("mean", "spread"):
             raise StudyError(f"'hierarchical.{name}' takes 'mean' and 'spread' (got '{key}')")
-        laws[key] = _law(f"{name}.{key}", entry, PARAMETERS[name].dimension, bare=bare)
+        where, unit = f"{name}.{key}", PARAMETERS[name].dimension
+        laws[key] = entry if isinstance(entry, Law) else law(where, table(entry, where), unit, bare=bare)
     if "spread" in laws and laws["spread"].range[0] < 0:
         low = laws["spread"].range[0] / PARAMETERS[name].scale
         raise StudyError(f"'{name}.spread' must be a law of numbers from 0 on (got one from {low:g} on)")
     return Population(laws.get("mean"), laws.get("spread"))
-
-
-def _law(name: str, value: Any, dimension: str, *, bare: bool) -> Law:
-    return value if isinstance(value, Law) else law(name, table(value, name), dimension, bare=bare)

@@ -60,20 +60,6 @@ def axis_of(law: Law, ends: tuple[float, float], tails: FloatArray, draws: Float
 WIDTH, PAD = 560.0, 9.0
 BASE, TALL = 25.0, 22.0
 LANE, FIRST_LANE = 9.5, 34.0
-SHAPES = {
-    "^": "M0 -4.6L4.4 3.4L-4.4 3.4Z",
-    "s": "M-3.6 -3.6H3.6V3.6H-3.6Z",
-    "D": "M0 -4.8L4.8 0L0 4.8L-4.8 0Z",
-    "X": "M-4 -2.2L-2.2 -4L0 -1.8L2.2 -4L4 -2.2L1.8 0L4 2.2L2.2 4L0 1.8L-2.2 4L-4 2.2L-1.8 0Z",
-    "p": "M0 -4.6L4.4 -1.4L2.7 3.7L-2.7 3.7L-4.4 -1.4Z",
-    "P": "M-1.5 -4H1.5V-1.5H4V1.5H1.5V4H-1.5V1.5H-4V-1.5H-1.5Z",
-    "d": "M0 -5L2.6 0L0 5L-2.6 0Z",
-    "o": "M-4 0A4 4 0 1 1 4 0A4 4 0 1 1 -4 0Z",
-    "v": "M0 4.6L4.4 -3.4L-4.4 -3.4Z",
-    "<": "M-5 0L3 -4L3 4Z",
-    ">": "M5 0L-3 -4L-3 4Z",
-}
-"""The marks of the figures as SVG paths about the origin."""
 
 
 @dataclass(frozen=True)
@@ -159,18 +145,9 @@ def drawing(
     low, high, mode = (float(x) for x in _place(along.position(np.array([*row.hdi, row.mode]))))
     height = FIRST_LANE + LANE * (lanes - 1) + 6
     alt = f"posterior median {plain(row.median)}, 90 % HDI {interval(*row.hdi)}, mode {plain(row.mode)}"
-    return Markup(
-        '<svg class="drawn" viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{alt}">'
-        '<path d="{prior}" fill="{grey}" fill-opacity=".28"/>'
-        '<path d="{posterior}" fill="{blue}" fill-opacity=".5"/>'
-        '<path d="M{left:g} {base:g}H{right:g}" stroke="{grey}" stroke-width="1"/>'
-        '<path d="M{low:.1f} {base:g}H{high:.1f}" stroke="{blue}" stroke-width="4.4"/>'
-        '<path d="M{mode:.1f} 3V{below:g}" stroke="{blue}" stroke-width="1.8"/>{marks}</svg>'
-    ).format(
-        width=WIDTH + 2 * PAD, height=height, alt=alt, grey=PRIOR, blue=POSTERIOR,
-        prior=_outline(prior, along, 0.5), posterior=_outline(posterior, along, 1.0),
-        left=PAD, right=PAD + WIDTH, base=BASE, below=BASE + 4.5, low=low, high=high, mode=mode, marks=marks,
-    )  # fmt: skip
+    size, line = (WIDTH + 2 * PAD, height), (PAD, BASE, PAD + WIDTH)
+    outlines = (_outline(prior, along, 0.5), _outline(posterior, along, 1.0))
+    return say("strip", size, alt, *outlines, line, (low, high), mode, marks, PRIOR, POSTERIOR)
 
 
 def _place(position: FloatArray) -> FloatArray:
@@ -209,14 +186,13 @@ def _lanes(places: list[float]) -> list[int]:
 def _mark(method: str, value: float, at: tuple[float, float], along: Axis, *, hollow: bool) -> Markup:
     marker = "<" if value < along.low else ">" if value > along.high else MARKS[method].marker
     text = f"{MARKS[method].label}: {plain(value)}{', held' if hollow else ''}"
-    moved = Markup('<g transform="translate({:.1f} {:g})"><title>{}</title>{}</g>')
-    return moved.format(*at, text, _shape(method, marker, hollow=hollow))
+    return say("placed", *at, text, _shape(method, marker, hollow=hollow))
 
 
 def _shape(method: str, marker: str, *, hollow: bool = False) -> Markup:
     mark = MARKS[method]
     fill, stroke = ("none", mark.colour) if mark.hollow or hollow else (mark.colour, "none")
-    return Markup('<path d="{}" fill="{}" stroke="{}" stroke-width="1.4"/>').format(SHAPES[marker], fill, stroke)
+    return say("mark", marker, fill, stroke)
 
 
 def law_text(name: str, law: Law) -> Markup:

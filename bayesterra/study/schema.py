@@ -7,12 +7,12 @@ unit, and calls from Python, where numbers are SI values (``bare`` in the valida
 from __future__ import annotations
 
 import dataclasses
+import datetime
 import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, is_dataclass
-from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -139,11 +139,6 @@ def _plain(value: object) -> object:
     return asdict(value) if is_dataclass(value) and not isinstance(value, type) else value
 
 
-def _day(value: object) -> object:
-    """Let TOML's own dates pass as text."""
-    return value.isoformat() if isinstance(value, date) else value
-
-
 def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | None:
     if value is None:
         return None
@@ -172,10 +167,6 @@ def _model(value: object) -> object:
     return value
 
 
-def _text(value: str, info: ValidationInfo) -> str:
-    return checked_text(value, str(info.field_name))
-
-
 def _named(value: object) -> object:
     """Wheels, whose names stand in tables, plots and files."""
     if isinstance(value, Mapping):
@@ -200,7 +191,7 @@ def _entries(reader: Callable[..., Any]) -> PlainValidator:
     return PlainValidator(reader, json_schema_input_type=_Open)
 
 
-Text = Annotated[StrictStr, AfterValidator(_text)]
+Text = Annotated[StrictStr, AfterValidator(lambda text, info: checked_text(text, str(info.field_name)))]
 Length = Annotated[float, _measure("m")]
 Force = Annotated[float, _measure("N")]
 Mass = Annotated[float, _measure("kg")]
@@ -353,7 +344,7 @@ class StudyContent(Table):
     """Title of the study, on every page."""
     soil: Text = ""
     """Name of the soil."""
-    date: Annotated[Text, BeforeValidator(_day)] = ""
+    date: Annotated[Text, BeforeValidator(lambda day: day.isoformat() if isinstance(day, datetime.date) else day)] = ""
     """Day of the test."""
     model: Annotated[StrictStr, BeforeValidator(_model)] = "M1"
     """Wheel-soil model: ``M1`` integral, ``M2`` and ``M3`` closed forms, ``M2L`` M2 with the load effect."""

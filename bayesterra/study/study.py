@@ -242,7 +242,8 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
     soil = assembly.soil_prior(content.priors, content.model, constant_exponent=content.model_options.constant_exponent)
     wheels, wheel_notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"])
     with errors_in(content.data.file):
-        rows, row_notes = assembly.conditioned(_rows(data, wheels, content.data), drive, expected=expected)
+        zeros = {key: getattr(content.data, key) for key in ("slip_reference", "sinkage_reference")}
+    rows, row_notes = assembly.conditioned(observations(data, wheels, **zeros), drive, expected=expected)
     rows = assembly.awaited(rows, content.noise, drive) if expected else rows
     model, model_notes = assembly.wheel_soil_model(content.model, content.model_options, rows)
     noise, noise_notes = assembly.outcome_noise(rows, content.noise, drive, expected=expected)
@@ -274,16 +275,10 @@ def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) 
 
 def _repeatable(drive: Drive, errors: ModelErrors) -> bool:
     """True where readings under one load and slip differ by their noise alone."""
-    return drive == Drive.LOAD and not errors.ripple and errors.slip is None
+    return not (drive.reads_force or errors.ripple or errors.slip)
 
 
 _KEPT = ("title", "soil", "date", "least_squares", "published", "truth", "sampling")
-
-
-def _rows(data: pd.DataFrame, wheels: Mapping[str, Wheel], described: schema.DataTable) -> Observations:
-    return observations(
-        data, wheels, slip_reference=described.slip_reference, sinkage_reference=described.sinkage_reference
-    )
 
 
 def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 import bayesterra as bt
-from bayesterra.analysis import contents_page
+from bayesterra.analysis import comparison_page
 from bayesterra.analysis import figures as analysis_figures
 from bayesterra.checking import validation_page
 
@@ -58,7 +58,7 @@ page = both.save("comparison", overwrite=True)
 # %% Both soils under the wheel with lugs, beside what that wheel measured: the figure of README.md
 sheet = Figure(figsize=(7.4, 2.7), layout="constrained")
 left, right = sheet.subplots(1, 2)
-contents_page.contrast_prediction(both, "drawbar_pull", left)
-contents_page.contrast_prediction(both, "sinkage", right).legend(title="soil found by the wheel")
+comparison_page.contrast_prediction(both, "drawbar_pull", left)
+comparison_page.contrast_prediction(both, "sinkage", right).legend(title="soil found by the wheel")
 sheet.savefig("comparison/prediction.png", dpi=130, facecolor="white")
 print(f"Page: {page}")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import bayesterra as bt
-from bayesterra.analysis import contents_page
+from bayesterra.analysis import comparison_page
 from bayesterra.analysis.comparison import Comparison, Evidence, load_results, log_evidence, outcomes_of
 from bayesterra.errors import ResultError
 from bayesterra.prediction.prediction import PREDICTED
@@ -132,7 +132,7 @@ def test_one_wheel_and_load_for_all(wide: Result, narrow: Result, tmp_path: Path
     found = bt.compare(results, load="60 N", wheel=tmp_path / "small.toml")
     assert {(curve.name, curve.wheel.radius, curve.load) for curve in found.curves.values()} == {("small", 0.1, 60.0)}
     for load, dots in ((80, 5), (60, 0)):
-        ax = contents_page.contrast_prediction(bt.compare(results, load=load, wheel="Wh32"), "sinkage")
+        ax = comparison_page.contrast_prediction(bt.compare(results, load=load, wheel="Wh32"), "sinkage")
         assert [len(np.asarray(line.get_xdata())) for line in ax.get_lines()[2:]] == [dots]
     with pytest.raises(bt.StudyError, match="'Wh3' is neither a wheel of the study nor a file"):
         bt.compare(results, wheel="Wh3")
@@ -167,10 +167,10 @@ def test_too_few_and_too_many(wide: Result) -> None:
 
 def test_figures_return_their_axes(both: Comparison) -> None:
     """Parameters, derived quantities and predictions are each drawn into the axes that are given."""
-    ax = contents_page.contrast(both, "Ks")
-    assert contents_page.contrast_derived(both, "peak_pull", ax) is ax
+    ax = comparison_page.contrast(both, "Ks")
+    assert comparison_page.contrast_derived(both, "peak_pull", ax) is ax
     for quantity in PREDICTED:
-        assert contents_page.contrast_prediction(both, quantity).get_xlabel().startswith("slip")
+        assert comparison_page.contrast_prediction(both, quantity).get_xlabel().startswith("slip")
 
 
 def test_results_show_themselves_in_notebooks(both: Comparison, wide: Result) -> None:

@@ -14,8 +14,17 @@ from markupsafe import Markup, escape
 from bayesterra.analysis import findings_page
 from bayesterra.analysis.closing_page import prior_section, say
 from bayesterra.analysis.findings_page import mode_outside
-from bayesterra.analysis.outputs_page import _chains, driving, posterior_section, reached, slip_table
-from bayesterra.analysis.page import Page, data_section, run_page, warning
+from bayesterra.analysis.page import (
+    Page,
+    _chains,
+    data_section,
+    driving,
+    posterior_section,
+    reached,
+    run_page,
+    slip_table,
+    warning,
+)
 from bayesterra.parameters import CHANNELS
 from bayesterra.report import symbols
 from bayesterra.report.blocks import Gallery, Table
