@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, TextIO
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
-from bayesterra.errors import ResultError, StudyError
+from bayesterra.errors import ResultError, StudyError, counted
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.reading import MEGABYTE, MOST_TABLE, read_bytes, read_json, read_text, reason
 from bayesterra.runtime.recordings import is_bag, recording_cells
@@ -231,7 +231,12 @@ def _rectangular(lines: list[list[Any]]) -> list[list[Any]]:
     width = max((i for i, name in enumerate(lines[0], start=1) if str(name).strip()), default=0)
     for number, line in enumerate(lines[1:], start=1):
         if len(line) < width or any(str(cell).strip() for cell in line[width:]):
-            raise StudyError(f"every row must have {width} cells (got {len(line)}, row {number})")
+            title = (
+                f", as the first line has, which must be the header ({str(lines[0][0])!r:.60})" if width == 1 else ""
+            )
+            raise StudyError(f"every row must have {counted(width, 'cell')}{title} (got {len(line)}, row {number})")
+    if width == 1 and len(str(lines[1][0]).split()) > 1:
+        raise StudyError(f"columns must be separated by commas, semicolons or tabs (got {str(lines[1][0])!r:.60})")
     kept = [i for i in range(width) if any(str(line[i]).strip() for line in lines)]
     return [[line[i] for i in kept] for line in lines]
 
@@ -246,7 +251,7 @@ _GROUPED = {
 
 def _readings(cell: str) -> dict[str, str]:
     """Python's text of a number under each decimal mark that it may be written with."""
-    found = {}
+    found, cell = {}, cell.replace("−", "-")
     for mark, other in (",.", ".,"):
         if _PLAIN[mark].fullmatch(cell):
             found[mark] = cell.replace(mark, ".")

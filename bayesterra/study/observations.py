@@ -270,16 +270,21 @@ class Column:
         try:
             if truth:
                 raise TypeError
-            value = float(cell.replace("_", "?")) if isinstance(cell, str) else float(cell)
+            value = float(cell.replace("_", "?").replace("−", "-")) if isinstance(cell, str) else float(cell)
         except (TypeError, ValueError):
-            dated = ": a spreadsheet made a date of it" if _DATE.fullmatch(str(cell).strip()) else ""
-            raise StudyError(f"'{self.name}' must be a number or empty (got {cell!r}, row {row}){dated}") from None
+            mend = next((mend for form, mend in _MENDS if form.fullmatch(str(cell).strip())), "").format(self.name)
+            raise StudyError(f"'{self.name}' must be a number or empty (got {cell!r}, row {row}){mend}") from None
         if np.isinf(value) or (isinstance(cell, str) and np.isnan(value)):
             raise StudyError(f"'{self.name}' must be finite or empty (got {cell}, row {row})")
         return value
 
 
-_DATE = re.compile(r"\d{4}-\d\d-\d\d.*|\d{1,2}[./]\d{1,2}[./]\d{2,4}.*")
+_MENDS = (
+    (re.compile(r"\d{4}-\d\d-\d\d.*|\d{1,2}[./]\d{1,2}[./]\d{2,4}.*"), ": a spreadsheet made a date of it"),
+    (re.compile(r"[-+\d.]+ ?(±|\+/-).*"), ": errors stand in a column of their own, '{0}_sd'"),
+    (re.compile(r"[-+\d.]+ ?[^\d\s.,:+-]+"), ": units stand in the header, '{0} [unit]'"),
+)
+"""Cells that are no numbers, and what to do."""
 
 
 @dataclass(frozen=True)
@@ -327,7 +332,9 @@ def named_columns(
 def _left_alone(header: str, cells: Sequence[Any], known: Collection[str]) -> bool:
     """True for remarks: columns that say so in their header, or hold texts and have no name like a known one."""
     words = header.casefold().split()
-    if words and (words[0].strip(":") in REMARKS or words[0].startswith("#")):
+    if not words or words[0] == "unnamed:":  # the numbers that pandas gives to rows
+        return [str(cell) for cell in cells] in ([str(i + j) for i in range(len(cells))] for j in (0, 1))
+    if words[0].strip(":") in REMARKS or words[0].startswith("#"):
         return True
     texts = [cell for cell in cells if isinstance(cell, str) and cell.strip()]
     return len(texts) == len(cells) > 0 and not any(map(_is_number, texts)) and not suggestion(header, known)
@@ -488,6 +495,7 @@ def _problem(
     if not 0 <= converted < 1:
         became = "" if converted == slip else f", on the shearing radius {converted / columns['slip'].scale:.4g}"
         percent = ": percent stand in a column 'slip [%]'" if slip > 1.5 and not columns["slip"].unit else ""
+        percent = ": rows of a braked wheel are left out by 0 in a column 'use'" if slip < 0 else percent
         unit = columns["slip"].stated
         got = f"got {typed('slip', slip)}{became}{unit if became else ''}, row {row}"
         return f"'slip' must lie in [0, {1 / columns['slip'].scale:g}){unit} ({got}){percent}"

@@ -127,6 +127,10 @@ def _texts() -> list[TableForm]:
                 point=",",
             ).encode(),
         ),
+        TableForm(
+            "numbers of rows, as pandas writes them",
+            text_of(("", *HEADER), [(str(i), *row) for i, row in enumerate(ROWS)]).encode(),
+        ),
         TableForm("an order of its own", text_of(HEADER[::-1], [row[::-1] for row in ROWS]).encode()),
         TableForm("spaces around everything", text_of().replace(",", " , ").encode()),
         TableForm(
@@ -261,6 +265,31 @@ def _open() -> list[TableForm]:
             "a number that became a date",
             text_of(rows=changed(0, lambda slip: "2021-05-01")).encode(),
             asks="'slip' must be a number or empty (got '2021-05-01', row 1): a spreadsheet made a date of it",
+        ),
+        TableForm(
+            "percent signs in cells",
+            text_of(rows=changed(0, lambda slip: f"{100 * slip:g}%")).encode(),
+            asks="'slip' must be a number or empty (got '10%', row 1): units stand in the header, 'slip [unit]'",
+        ),
+        TableForm(
+            "errors in cells",
+            text_of(rows=changed(2, lambda z: f"{z}±0.5")).encode(),
+            asks="(got '5.25±0.5', row 1): errors stand in a column of their own, 'sinkage_sd'",
+        ),
+        TableForm(
+            "a title before the header",
+            ("Campaign of March\n\n" + text_of()).encode(),
+            asks="every row must have 1 cell, as the first line has, which must be the header ('Campaign of March')",
+        ),
+        TableForm(
+            "spaces between columns",
+            text_of(("slip", "load_N"), [row[:2] for row in ROWS], sep=" ").encode(),
+            asks="columns must be separated by commas, semicolons or tabs (got '0.1 80')",
+        ),
+        TableForm(
+            "a braked wheel",
+            text_of(rows=changed(0, lambda slip: -slip)).encode(),
+            asks="(got -0.1, row 1): rows of a braked wheel are left out by 0 in a column 'use'",
         ),
         TableForm(
             "no unit",

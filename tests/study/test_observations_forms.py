@@ -60,6 +60,15 @@ def test_an_answer_settles_it(decimal: str, load: float, tmp_path: Path) -> None
     assert rows.cells("drawbar_pull")[0] == ("<1500.0" if decimal == "." else "<1.5")
 
 
+def test_minus_signs_of_printers_are_minus_signs(tmp_path: Path) -> None:
+    """U+2212, with a decimal point or comma."""
+    (tmp_path / "t.csv").write_text("slip;DP [N]\n0,1;−1,5\n0,2;-2,5\n", encoding="utf-8")
+    (tmp_path / "u.csv").write_text("slip,DP [N]\n0.1,−1.5\n0.2,-2.5\n", encoding="utf-8")
+    for name in ("t.csv", "u.csv"):
+        rows = observations(read_table(tmp_path / name), {"Wh32": WHEELS["Wh32"]}, slip_reference="rim")
+        assert rows.values["drawbar_pull"].tolist() == [-1.5, -2.5]
+
+
 def test_errors_of_workbooks_are_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A sheet that is not there, a sheet of a CSV, a bomb, no openpyxl."""
     (tmp_path / "t.xlsx").write_bytes(workbook(("rows", (HEADER, *ROWS))))
