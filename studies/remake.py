@@ -18,6 +18,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "hit-wh32": (RUN,),
     "cmu-grouser": (RUN, ("-m", "bayesterra", "run", "{folder}/wide.toml", "--out", "cmu-grouser-wide-result")),
     "tables": SCRIPT,
+    "logs": SCRIPT,
     "paper/readings": SCRIPT,
     "paper/claims": SCRIPT,
     "paper/sensitivity": SCRIPT,
