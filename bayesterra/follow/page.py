@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
+from scipy.stats import binom
 
 from bayesterra.arrays import FloatArray
 from bayesterra.follow.rows import BAND_NAMES, column_of
@@ -22,6 +23,8 @@ from bayesterra.report.terminal import PlainConsole, note
 
 ALARM = "#D55E00"
 COLUMNS = 4
+RARE = 0.001
+"""Probability of so many readings outside their bands, by a model that is right, below which it is called wrong."""
 
 
 @styled
@@ -130,13 +133,18 @@ def followed_overview(followed: FollowedStream) -> Overview:
     left = f", {followed.left_out} left out" if followed.left_out else ""
     evidence = f"{stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
     lines = [f"{len(stream)} rows{left}; log evidence {evidence}."]
+    outside, of = followed.misses
+    if wrong := binom.sf(outside - 1, of, 0.1) < RARE:
+        lines.insert(0, f"The model does not predict these rows: {outside} of {of} readings lie outside the 90 % bands"
+                        " expected of them. It is wrong for them, or the noise is stated too small.")  # fmt: skip
     if stream.watch.rate is None:
         lines.append("Changes of soil were not looked for.")
     elif not followed.alarms and stream.alarm is None:
         lines.append(
             f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row, on average"
-            " over the prior)."
+            f" over the prior){'; by a model that does not predict that says nothing' if wrong else ''}."
         )
     header = ("parameter", "unit", "median", "90 % interval")
     title = f"{stream.study.title or 'stream'}{soil}"
-    return (Table(title, "llrr", header, tuple(rows)), *map(Text, lines))
+    told = (Text(line, "bad" if wrong and not i else "") for i, line in enumerate(lines))
+    return (Table(title, "llrr", header, tuple(rows)), *told)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
 
+import numpy as np
 import pandas as pd
 
 from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
@@ -96,6 +97,19 @@ class FollowedStream(AnalysisResult):
                 anew = update.alarm.since
                 self.stream, self.soil = stream.restarted(anew), self.soil + 1
         return RowOutcome(number, row, update, begun_anew=anew)
+
+    @property
+    def misses(self) -> tuple[int, int]:
+        """Readings outside the 90 % bands that were expected of them, and readings; before a change of the soil."""
+        alarm = self.stream.alarm
+        rows = [
+            row
+            for row in self.table
+            if row["soil"] == self.soil and (alarm is None or int(str(row["row"])) < alarm.since)
+        ]
+        table = pd.DataFrame(rows)
+        places = table[[name for name in table if str(name).endswith("_pit")]].to_numpy(dtype=float)
+        return int((np.abs(places - 0.5) > 0.45).sum()), int((~np.isnan(places)).sum())
 
     def tables(self) -> Mapping[str, pd.DataFrame]:
         """The summary; the table of the rows has a format of its own."""

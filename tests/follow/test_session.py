@@ -18,6 +18,7 @@ from bayesterra.__main__ import main
 from bayesterra.follow import session
 from bayesterra.follow import stream as stream_module
 from bayesterra.follow.session import FollowedStream
+from bayesterra.report.blocks import Text
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.study.canonical import write_study
 
@@ -182,3 +183,26 @@ def test_a_kill_as_the_state_begins_leaves_a_folder_to_go_on_in(
     assert (tmp_path / "s.part" / "state").is_dir()
     assert main(["follow", str(folder), "--out", str(out), *asked]) == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == ["s"]
+
+
+def test_a_model_that_does_not_predict_is_said_to_be_wrong_first(plan: bt.Study, folder: Path) -> None:
+    """Counted before it is told that no change was found, which it then cannot mean."""
+    stream = bt.Stream(plan, seed=3, particles=150)
+    following = FollowedStream(stream)
+    table = pd.read_csv(folder / "rows.csv", dtype=str)
+    for number in range(6):
+        following.take(table.iloc[[number]], restart=False)
+    outside, of = following.misses
+    places = [float(str(row[name])) for row in following.table for name in row if name.endswith("_pit")]
+    assert (outside, of) == (sum(not 0.05 <= place <= 0.95 for place in places), len(places))
+    assert outside < 0.4 * of
+    assert not any(isinstance(block, Text) and block.tone for block in following.overview())
+    for row in following.table:
+        row |= {name: 0.999 for name in row if name.endswith("_pit")}
+    told = [block for block in following.overview() if isinstance(block, Text)]
+    assert told[0].tone == "bad"
+    assert told[0].text == (
+        f"The model does not predict these rows: {of} of {of} readings lie outside the 90 % bands expected of them."
+        " It is wrong for them, or the noise is stated too small."
+    )
+    assert "by a model that does not predict that says nothing" in told[-1].text
