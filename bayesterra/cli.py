@@ -373,7 +373,7 @@ def identify(
     raise typer.Exit(0 if identifiability.record["converged"] else 3)
 
 
-@app.command(short_help="Rank drives that could come next by what they would tell.")
+@app.command(short_help="Rank rows that could come next by what they would tell.")
 def design(
     study_or_result: Annotated[Path, argument("STUDY|DIR", "A result, whose posterior is built on, or a study.")],
     about: Annotated[Texts, option("P,P", "Parameters of interest, e.g. c,phi; by default all free.")] = None,
@@ -383,7 +383,7 @@ def design(
     ] = None,
     wheel: Wheels = None,
     channel: Annotated[Texts, option("NAME=SD", 'A sensor to add: "resistance_moment=0.15 N m".')] = None,
-    number: Annotated[int, option("N", "Drives to choose together.", "-n", "--number")] = 1,
+    number: Annotated[int, option("N", "Rows to choose together.", "-n", "--number")] = 1,
     by: Annotated[str, option("WHAT", "information (all of them together) or sd (of each).")] = "information",
     group: Group = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <study folder>-design.")] = None,
@@ -394,7 +394,7 @@ def design(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """Rank the drives that could come next by what they are expected to tell."""
+    """Rank the rows that could come next by what they are expected to tell."""
     from bayesterra.analysis.run import opened_for_design
     from bayesterra.design.recommendation import design_into
     from bayesterra.prediction.prediction import slips_of
@@ -454,7 +454,7 @@ def soiltest(
     raise typer.Exit(0 if result.converged else 3)
 
 
-@app.command(short_help="Reduce raw logs of drives or plate tests to rows.")
+@app.command(short_help="Reduce raw logs of wheel or plate tests to rows.")
 def reduce(
     logs: Annotated[list[Path], argument("LOG...", "CSV, Excel, Parquet, MATLAB (.mat) or ROS bag.")],
     out: Annotated[Path, option("FILE", "New table; its page stands beside it.")] = Path("measurements.csv"),
@@ -469,7 +469,7 @@ def reduce(
     sheet: Annotated[str, option("NAME", "Sheet of an Excel workbook.")] = "",
     decimal: Annotated[str | None, option("MARK", "What separates decimals, where asked for: , or .")] = None,
 ) -> None:
-    """Reduce logs: steady windows of drives to rows with standard errors, plate tests to their loading branch."""
+    """Reduce logs: steady windows of wheel tests to rows with standard errors, plate tests to their loading branch."""
     from bayesterra.reduce.reduction import reduce_logs
 
     asked: dict[str, Any] = {"radius": radius, "lugs": lugs, "plate": plate, "steady": steady}

@@ -150,7 +150,7 @@ def recommend(
     progress: Callable[[Progress], None] = lambda update: None,
     group: str | None = None,
 ) -> Design:
-    """Rank drives by the information that their readings are expected to give.
+    """Rank rows that could come next by the information that their readings are expected to give.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ DOCS, STUDIES = ROOT / "docs", ROOT / "studies"
 PAGES = sorted([ROOT / "README.md", *(page for page in DOCS.rglob("*.md") if DOCS / "studies" not in page.parents)])
 RUN = ("sh", "python", "toml")
 _FENCE = re.compile(
-    r"(?:^ *<!-- (?P<remark>.*?) -->\n)?^(?P<indent> *)(?P<ticks>`{3,})(?P<kind>[^\n]*)\n(?P<code>.*?)^ *(?P=ticks)$",
+    r"(?:^ *<!-- (?P<remark>[^\n]*?) -->\n)?^(?P<indent> *)(?P<ticks>`{3,})(?P<kind>[^\n]*)\n(?P<code>.*?)^ *(?P=ticks)$",
     re.M | re.S,
 )
 _EQUATION = re.compile(r"(?<![\w)])\((\d{1,2})[a-c]?\)")
@@ -96,6 +96,15 @@ def run_blocks(chosen: list[Block], folder: Path) -> None:
             command = ["bash", "-euo", "pipefail", "-c", block.code]
             done = subprocess.run(command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True)
             assert done.returncode == 0, f"{block.code}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+
+
+def test_every_block_is_run_or_says_why_not() -> None:
+    """Nothing falls between the comments; what is not run is little."""
+    texts = {page: page.read_text(encoding="utf-8") for page in PAGES}
+    fences = {page: len(re.findall(rf"^ *```(?:{'|'.join(RUN)})$", text, re.M)) for page, text in texts.items()}
+    left = {page: text.count("<!-- not run: ") for page, text in texts.items()}
+    assert fences == {page: left[page] + sum(block.kind in RUN for block in blocks(page)) for page in PAGES}
+    assert sum(left.values()) <= 10
 
 
 QUICK = [page for page in PAGES if any(not block.slow for block in blocks(page))]
