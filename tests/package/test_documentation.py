@@ -29,9 +29,9 @@ ROOT = Path(__file__).parents[2]
 DOCS, STUDIES = ROOT / "docs", ROOT / "studies"
 PAGES = sorted([ROOT / "README.md", *(page for page in DOCS.rglob("*.md") if DOCS / "studies" not in page.parents)])
 RUN = ("sh", "python", "toml")
+_REMARK = r"(?:^ *<!-- (?P<remark>[^\n]*?) -->\n)?"
 _FENCE = re.compile(
-    r"(?:^ *<!-- (?P<remark>[^\n]*?) -->\n)?^(?P<indent> *)(?P<ticks>`{3,})(?P<kind>[^\n]*)\n(?P<code>.*?)^ *(?P=ticks)$",
-    re.M | re.S,
+    _REMARK + r"^(?P<indent> *)(?P<ticks>`{3,})(?P<kind>[^\n]*)\n(?P<code>.*?)^ *(?P=ticks)$", re.M | re.S
 )
 _EQUATION = re.compile(r"(?<![\w)])\((\d{1,2})[a-c]?\)")
 """Number of an equation as it is written in a text: 42 in brackets."""
