@@ -127,11 +127,14 @@ def _with_units(table: pd.DataFrame) -> pd.DataFrame:
     for position, header in enumerate(headers):
         name, unit = known_column(header, LOGGED)
         cells = table.iloc[:, position]
-        if name == "time" and all(isinstance(cell, str) and ":" in cell for cell in cells):
+        if name == "time" and isinstance(cells.iloc[0], str) and ":" in cells.iloc[0]:
             moments = pd.to_datetime(cells, format="ISO8601", utc=True, errors="coerce")
-            if not moments.isna().any():
-                table.isetitem(position, (moments - moments.iloc[0]).dt.total_seconds().to_numpy())
-                headers[position] = f"{header} [s]"
+            seconds = (moments - moments.iloc[0]) if moments.notna().all() else pd.to_timedelta(cells, errors="coerce")
+            if seconds.isna().any():
+                known = "seconds, dates as 2021-03-16T17:11:02.5 or times of day as 17:11:02.5"
+                raise StudyError(f"column '{header}' must hold {known} (got {cells.iloc[0]!r}, row 1)")
+            table.isetitem(position, (seconds - seconds.iloc[0]).dt.total_seconds().to_numpy())
+            headers[position] = f"{header} [s]" if unit is None else "time [s]"
         elif name in LOGGED and unit is None and table.attrs["form"] == "ROS bag":
             headers[position] = f"{header} [{LOGGED[name].dimension}]"
     return table.set_axis(headers, axis="columns")

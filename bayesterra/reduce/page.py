@@ -55,7 +55,8 @@ def _outcome(reduction: Reduction) -> tuple[Table | Text, ...]:
     if reduction.branches:
         return tuple(Text(f"{branch.test}: {'; '.join(branch.notes)}.") for branch in reduction.branches)
     names = [name for name in ("slip", *SHOWN[3:]) if any(name in window.mean for window in reduction.kept)]
-    header = ("log", "from [s]", "to [s]", "periods", *(f"{name} [{LOGGED[name].unit}]" for name in names))
+    units = (f"{LOGGED[name].symbol} [{LOGGED[name].unit}]".removesuffix(" [-]") for name in names)
+    header = ("log", "from [s]", "to [s]", "periods", *units)
     rows = [
         (w.log, f"{w.start:.1f}", f"{w.end:.1f}", str(w.blocks), *(_with_sd(w, name) for name in names))
         for w in reduction.kept

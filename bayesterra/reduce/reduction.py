@@ -56,7 +56,7 @@ class Reduction(AnalysisResult):
                 for header, of in ((name, "mean"), (f"{name}_sd", "sd")):
                     values = [getattr(window, of).get(name, np.nan) / channel.scale for window in self.kept]
                     columns[f"{header} [{channel.unit}]"] = [float(f"{value:.6g}") for value in values]
-        columns["use"] = [int(window.mean["slip"] >= 0) for window in self.kept]
+        columns["use"] = [int(0 <= window.mean["slip"] < 1) for window in self.kept]
         columns["# slip_sd"] = [float(f"{window.sd['slip']:.3g}") for window in self.kept]
         columns["# log"] = [window.log for window in self.kept]
         columns["# from [s]"] = [round(window.start, 3) for window in self.kept]
@@ -90,7 +90,7 @@ class Reduction(AnalysisResult):
         ((_, table),) = self.tables().items()
         if table.empty:
             reasons = dict.fromkeys(window.rejected for window in self.windows)
-            raise ResultError(f"no steady window was found: {'; '.join(reasons)}")
+            raise ResultError(f"no steady window was found: {'; '.join(reasons)} (--steady allows more drift)")
         write_new_files({file.with_suffix(".html"): self.page().html(), file: csv_text(table)})
         return file
 

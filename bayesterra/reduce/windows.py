@@ -32,6 +32,8 @@ HANGING = 0.75
 """Error of a mean, as a share of the spread, beyond which values hang together too long to tell a level."""
 SETTLING = 4.0
 """Spreads of the second half, at least, by which a beginning that still settles is away from it."""
+MOST_SLIP = 1.05
+"""Slip, either way, beyond which it is none; a locked wheel is at −1 but for noise."""
 RESOLVED = 1e-6
 """Resolution of a channel that never changes, as a share of its value."""
 SPEEDS = ("travel_speed", "rim_speed")
@@ -198,7 +200,8 @@ def _window(
     start, end = (float(clock[min(int(np.searchsorted(index, block)), len(clock) - 1)]) for block in (first, blocks))
     samples = {channel: column[(index >= first) & (index < blocks)] for channel, column in own.items()}
     mean, sd = _moments({channel: values[first:] for channel, values in means.items()}, samples)
-    return Window(name, start, end, "", blocks - first, period, mean, sd)
+    turned = "" if abs(mean["slip"]) < MOST_SLIP else f"slip {mean['slip']:.3g}: wheel and carriage go opposite ways"
+    return Window(name, start, end, turned, blocks - first, period, mean, sd)
 
 
 def _blocks(clock: FloatArray, rim_speed: FloatArray | None, settings: Settings) -> tuple[IntArray, int, float]:
@@ -299,7 +302,7 @@ def _moments(
 
 
 def slip_of(travel: float, rim: float) -> tuple[float, tuple[float, float]]:
-    """Slip ratio by (3) from the speeds of travel and of the rim, and its derivatives by both."""
-    if rim >= travel:
+    """Slip ratio by (3) from the speeds of travel and of the rim, forwards or backwards; its derivatives by both."""
+    if abs(rim) >= abs(travel):
         return 1 - travel / rim, (-1 / rim, travel / rim**2)
     return rim / travel - 1, (-rim / travel**2, 1 / travel)

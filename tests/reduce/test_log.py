@@ -205,8 +205,14 @@ def test_clocks_with_dates_count_from_their_first(table: pd.DataFrame, tmp_path:
     dated = table.drop(columns="time [s]").assign(timestamp=moments)
     dated.to_csv(tmp_path / "dated.csv", index=False)
     dated.assign(timestamp=moments.tz_localize("Europe/Berlin")).to_parquet(tmp_path / "dated.parquet")
-    for name in ("dated.csv", "dated.parquet"):
+    dated.assign(timestamp=moments.strftime("%H:%M:%S.%f")).to_csv(tmp_path / "day.txt", index=False, sep="\t")
+    for name in ("dated.csv", "dated.parquet", "day.txt"):
         assert_allclose(read_log(tmp_path / name).values["time"], seconds - seconds[0], atol=1e-6)
+    dated.assign(timestamp=moments.strftime("%d.%m.%Y %H:%M:%S")).to_csv(tmp_path / "german.csv", index=False)
+    with pytest.raises(
+        StudyError, match=r"'timestamp' must hold seconds, dates as .* \(got '16.03.2021 17:11:02', row 1"
+    ):
+        read_log(tmp_path / "german.csv")
     table.assign(**{"time [s]": "noon"}).to_csv(tmp_path / "noon.csv", index=False)
     with pytest.raises(StudyError, match=r"'time' must be a number or empty \(got 'noon', row 1\)"):
         read_log(tmp_path / "noon.csv")

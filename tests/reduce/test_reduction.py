@@ -53,7 +53,9 @@ def test_slip_follows_equation_3() -> None:
     """Driving by the rim, braking by the travel speed; derivatives as differences."""
     assert slip_of(0.8, 1.0)[0] == pytest.approx(0.2)
     assert slip_of(1.0, 0.8)[0] == pytest.approx(-0.2)
-    for travel, rim in ((0.8, 1.0), (1.0, 0.8)):
+    assert slip_of(-0.8, -1.0)[0] == pytest.approx(0.2)
+    assert slip_of(-1.0, -0.8)[0] == pytest.approx(-0.2)
+    for travel, rim in ((0.8, 1.0), (1.0, 0.8), (-0.8, -1.0)):
         by_travel, by_rim = slip_of(travel, rim)[1]
         assert by_travel == pytest.approx((slip_of(travel + 1e-6, rim)[0] - slip_of(travel, rim)[0]) / 1e-6, rel=1e-4)
         assert by_rim == pytest.approx((slip_of(travel, rim + 1e-6)[0] - slip_of(travel, rim)[0]) / 1e-6, rel=1e-4)
@@ -141,6 +143,18 @@ def test_a_drive_that_never_settles_is_rejected_by_name(
     with pytest.raises(ResultError, match=r"no steady window was found: .*wheel sinkage is not steady"):
         reduction.save(tmp_path / "m.csv")
     assert not list(tmp_path.glob("m.*"))
+
+
+def test_a_speed_of_the_other_sign_gives_no_row(drive: SimulatedDrive, write: Callable[..., Path]) -> None:
+    """Slips beyond 1 are said, not written; backwards altogether is as good as forwards."""
+    travel, rim = "travel_speed [mm/s]", "rim_speed [mm/s]"
+    turned = drive.table.assign(**{travel: -drive.table[travel]})
+    reduction = reduce_logs([write(turned)], **WHEEL)
+    assert not reduction.kept
+    assert reduction.windows[-1].rejected == "slip 1.6: wheel and carriage go opposite ways"
+    backwards = turned.assign(**{rim: -turned[rim]})
+    rows = reduce_logs([write(backwards, "back.csv")], **WHEEL).tables()["measurements"]
+    assert_allclose(rows["slip"], [slip for slip, _ in STATES], atol=0.003)
 
 
 def test_a_slow_beginning_is_not_part_of_the_window(drive: SimulatedDrive, write: Callable[..., Path]) -> None:
