@@ -11,6 +11,7 @@ from markupsafe import Markup
 from bayesterra.checking.validation import complete, estimates, held
 from bayesterra.identifiability.verdicts import SHIFT, WEAK
 from bayesterra.least_squares.results import CONDITIONAL
+from bayesterra.likelihood.forward import reference_load
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.numbers import given, interval, number, share, signed
 from bayesterra.report.sections import Prose
@@ -157,13 +158,13 @@ def _held(result: Result) -> list[tuple[str, str, list[str]]]:
 
 
 def next_measurement(result: Result) -> Markup:
-    """Cautious advice from the strongest couplings; nothing where there is none to give."""
-    advice: dict[str, list[Markup]] = {}
-    for a, b, _ in coupled_pairs(result):
-        for first, second, help_ in say.rows("advice"):
-            if {first, second} == {a, b}:
-                advice.setdefault(help_, []).append(symbols([a, b]))
-    return say("next", [(help_, listed(pairs, "or")) for help_, pairs in [*advice.items()][:3]])
+    """The drive that would tell most, by the quick form of ``design``; nothing where none was judged."""
+    drive = result.record.get("next")
+    if drive is None:
+        return Markup("")
+    where = (drive["wheel"], amount("load", given(drive["load"])), number(drive["slip"], 2))
+    bits = (number(drive[name], 1) for name in ("bits", "same_load"))
+    return say("next", drive["candidates"], where, *bits, amount("load", given(reference_load(result.study))))
 
 
 def mode_outside(result: Result) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from bayesterra.checking.predictive import (
     predictive_table,
 )
 from bayesterra.checking.validation import validate
+from bayesterra.design.recommendation import QUICK, next_drive
 from bayesterra.errors import check_kind, check_seed
 from bayesterra.identifiability import analysis as identifiability_analysis
 from bayesterra.identifiability import structure as structures
@@ -96,7 +97,7 @@ def run(
         check_installed()
     started = time.perf_counter()
     target = posterior(study)
-    streams = SeedSequence(seed).spawn(9)
+    streams = SeedSequence(seed).spawn(10)
     sampling, prior_stream, predicting, validating, weighing, nesting, *later = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
     samples = sample(target, study.sampling, sampling, report, checkpoint_store=checkpoint_store)
@@ -152,9 +153,9 @@ class Analysis:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
 
         ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, for
-        loads before the readings, and for other noise.
+        loads before the readings, for other noise, and for the next drive.
         """
-        validating, informing, loading, scaling = streams
+        validating, informing, loading, scaling, planning = streams
         failures, draws_of = self.failures, self.kept.flat
         rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
@@ -172,6 +173,9 @@ class Analysis:
         table, directions = self.identifiability(default_rng(informing))
         noise = failures.attempt("noise", lambda: self.other_noise(default_rng(scaling)), dict[str, Redrawn])
         checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
+        following = failures.attempt(
+            "next", lambda: next_drive(self.study, self.posterior, self.kept.spaced(QUICK), planning), lambda: None
+        )
         findings = {
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
             "sampling": sampler.of_samples(self.samples, self.kept.every),
@@ -182,6 +186,7 @@ class Analysis:
             "refused_fits": list(self.refused),
             "standings": {name: results.of_point_estimate(standing) for name, standing in standings.items()},
             "noise": {name: {k: v for k, v in vars(other).items() if k != "x"} for name, other in noise.items()},
+            **({"next": following} if following else {}),
             **directions,
             **checked.record(),
         }

@@ -59,6 +59,10 @@ Evidence = TypedDict("Evidence", {
 })  # fmt: skip
 PriorSupport = TypedDict("PriorSupport", {"tried": Count, "shares": dict[str, Number]})
 Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count, "delta_chi2": NotRequired[Some]})
+NextDrive = TypedDict("NextDrive", {
+    "wheel": str, "load": Number, "slip": Number, "bits": Number, "error": Number, "same_load": Number,
+    "candidates": Count,
+})  # fmt: skip
 OtherNoise = TypedDict("OtherNoise", {"k_hat": Some, "refitted": bool, "reliable": bool})
 Fit = TypedDict("Fit", {
     "converged": bool, "passes": Count, "errors_percent": dict[ChannelName, Some], "held": Names,
@@ -126,6 +130,7 @@ class RunRecord(StudyRecord):
     loo: Annotated[LeftOut, AfterValidator(_same_length)]
     levels: list[Reading] = Field(default_factory=list)
     noise: dict[Literal["half", "double"], OtherNoise] = Field(default_factory=dict)
+    next: NextDrive | None = None
 
     @classmethod
     def excused(cls, content: dict[str, Any]) -> Collection[str]:

@@ -10,13 +10,25 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.random import default_rng
+from numpy.random import SeedSequence, default_rng
 
-from bayesterra.design.candidates import Candidate, Situation, candidates, parameters_of_interest
-from bayesterra.design.choosing import CRITERIA, Design, Progress, Report, as_content, choose, from_content
-from bayesterra.design.gain import Estimate
+from bayesterra.arrays import FloatArray
+from bayesterra.design.candidates import Candidate, Situation, candidates, parameters_of_interest, readings_of
+from bayesterra.design.choosing import (
+    BIT,
+    CRITERIA,
+    UNANSWERED,
+    Design,
+    Progress,
+    Report,
+    as_content,
+    choose,
+    from_content,
+)
+from bayesterra.design.gain import Estimate, Interest, normal_estimate, pairs
 from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
-from bayesterra.likelihood.posterior import draw_cut_prior, posterior
+from bayesterra.likelihood.forward import reference_load
+from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import Wheel
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine
@@ -31,6 +43,8 @@ from bayesterra.study.wheels import chosen_wheel
 TASKS = "candidates"
 DRAWS = 2000
 """Draws, at most, that candidates are judged by: all pairs of them are looked at."""
+QUICK = 500
+"""Draws of the quick form."""
 MOST = 12
 """Rows, at most, to choose together."""
 
@@ -180,6 +194,41 @@ def recommend(
         seed=seed, group=group,
     )  # fmt: skip
     return question.answered(engine, lambda estimates, update: progress(update))
+
+
+def next_drive(study: Study, target: Posterior, draws: FloatArray, seed: SeedSequence) -> dict[str, Any] | None:
+    """The drive that tells most by a regression on few draws, under half, the same and twice the load.
+
+    Parameters
+    ----------
+    study, target : and its posterior.
+    draws : some of its parameter sets (n, d).
+    seed : of the readings that are drawn.
+
+    Returns
+    -------
+    Wheel, load (N), slip on the shearing radius, expected gain about all parameters together (bits, a lower
+    bound) with its Monte Carlo error, and the same for the best of the driven loads; None where none has an
+    answer for enough draws, or readings of another drive have no law.
+    """
+    load = reference_load(study)
+    rng = default_rng(seed)
+    try:
+        grid = candidates(study, loads=[0.5 * load, load, 2.0 * load])
+        situation = Situation(study, target, draws, "posterior")
+        interest = Interest(draws, tuple(range(draws.shape[1])))
+        judged = [normal_estimate(pairs(readings_of(situation, each), interest, rng), interest) for each in grid]
+    except StudyError:
+        return None
+    gains = np.nan_to_num([each.values[1] if each.answered > 1 - UNANSWERED else 0.0 for each in judged]) / BIT
+    best = int(gains.argmax())
+    if gains[best] <= 0:
+        return None
+    return {
+        "wheel": grid[best].wheel[0], "load": float(grid[best].load[0]), "slip": float(grid[best].slip[0]),
+        "bits": float(gains[best]), "error": float(judged[best].errors[1] / BIT), "candidates": len(grid),
+        "same_load": float(gains[[each.load[0] == load for each in grid]].max()),
+    }  # fmt: skip
 
 
 def design_into(

@@ -44,6 +44,7 @@ PARTS: Mapping[str, str] = {
     "left_out": "tests left out",
     "levels": "levels left out",
     "bands": "bands of the curves",
+    "next": "next drive",
     "verdicts": "verdicts on the whole",
     "finding": "the finding in a sentence",
 }

@@ -25,6 +25,8 @@ from bayesterra.analysis.page import (
     slip_table,
     warning,
 )
+from bayesterra.design.recommendation import recommend
+from bayesterra.likelihood.forward import reference_load
 from bayesterra.parameters import CHANNELS
 from bayesterra.report import symbols
 from bayesterra.report.blocks import Gallery, Table
@@ -173,7 +175,25 @@ def test_every_grade_has_its_own_sign() -> None:
 def test_words_name_the_strongest_trade(small_result: Result) -> None:
     """Cohesion and friction angle of one load are traded, and a second load is what would part them."""
     assert {"c", "phi"} in [{a, b} for a, b, _ in findings_page.coupled_pairs(small_result)]
-    assert "second load" in _plain(findings_page.next_measurement(small_result))
+
+
+def test_the_next_drive_is_that_of_design(small_result: Result) -> None:
+    """Judged by the quick form, which the full one confirms to a tenth of the gain; said with its figures."""
+    drive, load = small_result.record["next"], reference_load(small_result.study)
+    full = recommend(small_result, loads=[0.5 * load, load, 2.0 * load])
+    gains = [estimate.values[1] for estimate in full.ranking.estimates]
+    chosen = [
+        gain
+        for gain, each in zip(gains, full.candidates, strict=True)
+        if (each.load[0], each.slip[0]) == pytest.approx((drive["load"], drive["slip"]))
+    ]
+    assert len(chosen) == 1
+    assert chosen[0] > 0.9 * np.nanmax(gains)
+    assert 0 < drive["bits"] < 1.1 * chosen[0] / np.log(2)
+    text = _plain(findings_page.next_measurement(small_result))
+    assert f"Of {len(full.candidates)} drives" in text
+    assert f"at slip {drive['slip']:.2f} would tell most" in text
+    assert findings_page.next_measurement(replace(small_result, record={**small_result.record, "next": None})) == ""
 
 
 def test_words_say_where_the_mode_leaves_the_bulk(small_result: Result) -> None:
