@@ -13,7 +13,7 @@ from importlib import import_module
 _HOMES = {
     "analysis.comparison": ("compare",),
     "analysis.inference": ("run_prior",),
-    "analysis.run": ("load_result", "run"),
+    "analysis.run": ("load_result", "run", "soil_test"),
     "analysis.simulation": ("simulate",),
     "checking.calibration": ("calibrate",),
     "checking.holdout": ("Holdout", "leave_out"),
@@ -32,12 +32,11 @@ _HOMES = {
     "prediction.rover": ("Rover",),
     "runtime.engines": ("dask_cluster", "Engine", "in_process", "local_pool"),
     "runtime.checkpoints": ("read_tasks",),
-    "soiltests.analysis": ("soil_test",),
-    "soiltests.study": ("load_soil_test",),
     "stats.laws": ("Law",),
     "study.noise": ("Noise",),
     "study.priors": ("Prior",),
     "study.result": ("Result",),
+    "study.soil_test_file": ("load_soil_test",),
     "study.study": ("load_study", "Study"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}

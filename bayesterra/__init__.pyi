@@ -4,6 +4,7 @@ from bayesterra.analysis.comparison import compare as compare
 from bayesterra.analysis.inference import run_prior as run_prior
 from bayesterra.analysis.run import load_result as load_result
 from bayesterra.analysis.run import run as run
+from bayesterra.analysis.run import soil_test as soil_test
 from bayesterra.analysis.simulation import simulate as simulate
 from bayesterra.checking.calibration import calibrate as calibrate
 from bayesterra.checking.holdout import Holdout as Holdout
@@ -35,12 +36,11 @@ from bayesterra.runtime.engines import Engine as Engine
 from bayesterra.runtime.engines import dask_cluster as dask_cluster
 from bayesterra.runtime.engines import in_process as in_process
 from bayesterra.runtime.engines import local_pool as local_pool
-from bayesterra.soiltests.analysis import soil_test as soil_test
-from bayesterra.soiltests.study import load_soil_test as load_soil_test
 from bayesterra.stats.laws import Law as Law
 from bayesterra.study.noise import Noise as Noise
 from bayesterra.study.priors import Prior as Prior
 from bayesterra.study.result import Result as Result
+from bayesterra.study.soil_test_file import load_soil_test as load_soil_test
 from bayesterra.study.study import Study as Study
 from bayesterra.study.study import load_study as load_study
 

@@ -445,11 +445,12 @@ def soiltest(
     quiet: Quiet = False,
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
-    from bayesterra.soiltests.analysis import soil_test_into
+    from bayesterra.analysis.run import run_study
+    from bayesterra.study.soil_test_file import load_soil_test
 
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
     folder = out or Path(f"{name.removesuffix('.toml')}-result")
-    result = soil_test_into(file, folder, seed=seed, overwrite=overwrite, quiet=quiet)
+    result = run_study(load_soil_test(file), out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
     show(result, folder)
     raise typer.Exit(0 if result.converged else 3)
 

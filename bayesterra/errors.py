@@ -115,7 +115,6 @@ _KINDS = {
     "Study": ("a study", "bt.load_study"),
     "Result": ("a finished result", "bt.load_result"),
     "DataFrame": ("a pandas.DataFrame of readings", "pandas.read_csv"),
-    "SoilTest": ("a soil test", "bt.load_soil_test"),
 }
 """Names of the kinds of objects, and of the call that makes one."""
 

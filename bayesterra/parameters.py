@@ -7,7 +7,7 @@ which reports, tables and plots speak.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -110,14 +110,24 @@ MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
 SLIP_ERROR = "slip_error"
 OFFSET = "sinkage_offset"
-SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
-"""Beginnings of the names of estimated standard deviations: for ``str.startswith``."""
+WHEEL_SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
+"""Beginnings of the names of estimated standard deviations of readings of wheels: for ``str.startswith``."""
+TEST_SIZES = ("scatter", "memory", "seating")
+SIZES = (*WHEEL_SIZES, *TEST_SIZES)
+"""The same of what describes the scatter of soil tests, and of both."""
 
 _MODULI = (
     Parameter("kc", "k_c", r"k_c", "kPa m/m^N", 1e3, "Pa m", "cohesive modulus, K_s = k_c/b + k_φ"),
     Parameter("kphi", "k_φ", r"k_\varphi", "kPa/m^N", 1e3, "Pa", "frictional modulus, K_s = k_c/b + k_φ"),
 )
 """Bekker's moduli, which stand in place of K_s: eq. (4) with K_s = k_c/b + k_φ for a wheel of width b."""
+
+_SOIL_TESTS = (
+    Parameter("scatter", "σ_t", r"\sigma_t", "-", 1.0, "", "scatter of log stress from test to test"),
+    Parameter("memory", "ℓ", r"\ell", "-", 1.0, "", "log distance over which it lasts"),
+    Parameter("seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"),
+)
+"""Scatter of soil tests about their mean curve; a study's names say of which: ``scatter.plates``."""
 
 _SIZES = {
     NOISE_PREFIX: ("σ", r"\sigma", "standard deviation of the {} readings"),
@@ -135,7 +145,7 @@ def _size(prefix: str, channel: Channel) -> Parameter:
 
 
 def whole_and_part(name: str) -> tuple[str, str]:
-    """A parameter of a joint posterior: its quantity, and which of its values.
+    """A parameter of a group, a population or a soil test: its quantity, and which of its values.
 
     >>> whole_and_part("K[Wh11]"), whole_and_part("K.mean"), whole_and_part("K")
     (('K', '[Wh11]'), ('K', '.mean'), ('K', ''))
@@ -145,13 +155,13 @@ def whole_and_part(name: str) -> tuple[str, str]:
 
 
 class Parameters(dict[str, Parameter]):
-    """Parameters by name; those of joint posteriors, ``K[Wh11]``, ``K.mean``, follow from their quantity."""
+    """Parameters by name; those of groups and soil tests, ``K[Wh11]``, ``K.ring``, follow from their quantity."""
 
     def __missing__(self, name: str) -> Parameter:
         base, part = whole_and_part(name)
         if not part:
             raise KeyError(name)
-        whose = {".mean": "population mean", ".spread": "spread between groups"}.get(part, part.strip("[]"))
+        whose = {".mean": "population mean", ".spread": "spread between groups"}.get(part, part.strip(".[]"))
         symbol, description = f"{self[base].symbol}{part}", f"{self[base].description}, {whose}"
         return replace(self[base], name=name, symbol=symbol, description=description)
 
@@ -161,16 +171,32 @@ PARAMETERS = Parameters(
     for parameter in (
         _SOIL[0],
         *_MODULI,
+        Parameter("n", "n", r"n", "-", 1.0, "", "sinkage exponent of plates"),
         *_SOIL[1:],
         *_LOAD_EFFECT,
         *(_size(prefix, CHANNELS[name]) for prefix in _SIZES for name in OUTCOMES),
         Parameter(SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"),
         Parameter(OFFSET, "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"),
+        *_SOIL_TESTS,
     )
 )
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
 MODULI = ("kc", "kphi")
+TESTED = (*MODULI, "n", "c", "phi", "K")
+"""Soil parameters that plates and shear tests read; a test may have its own, ``K.ring``."""
+
+
+def of_soil_tests(name: str) -> bool:
+    """True for names that only soil tests read: ``n``, and their own such as ``K.ring``."""
+    base, part = whole_and_part(name)
+    return name == "n" or (base in TESTED and part.startswith(".") and len(part) > 1)
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Names of parameters in the package's order; those of soil tests last, as they come."""
+    given = list(names)
+    return [name for name in PARAMETERS if name in given] + [name for name in given if name not in PARAMETERS]
 
 
 class SoilColumns(IntEnum):

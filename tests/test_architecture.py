@@ -94,7 +94,7 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
                     "bayesterra.analysis.page",
                     "bayesterra.report.blocks",
                     "bayesterra.report.sections",
-                    "bayesterra.soiltests",
+                    "bayesterra.analysis.soil_tests_page",
                 ),
                 *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
             },

@@ -20,6 +20,7 @@ from bayesterra.parameters import DERIVED, PARAMETERS
 from bayesterra.prediction.prediction import Prediction, predict
 from bayesterra.runtime.folders import check_free
 from bayesterra.study.result import AnalysisResult, Result
+from bayesterra.study.study import without_wheels
 from bayesterra.study.wheels import GRID, chosen_wheel
 
 MOST = 6
@@ -250,6 +251,8 @@ def compare(
     named = _by_group(_named(results))
     check_count(named)
     first = next(iter(named.values()))
+    for result in named.values():
+        without_wheels(result.study, "compare")
     common = None
     if wheel is not None:
         knowing = (result for result in named.values() if str(wheel) in result.study.wheels)

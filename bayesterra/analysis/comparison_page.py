@@ -23,7 +23,7 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Tex
 from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, rounded, signed, with_error
 from bayesterra.report.sections import Prose, Section, VerdictPage
-from bayesterra.report.symbols import QUANTITIES, angles, listed, symbol, symbols, with_unit
+from bayesterra.report.symbols import angles, listed, quantity_of, symbol, symbols, with_unit
 from bayesterra.report.verdicts import Verdict
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
@@ -218,7 +218,7 @@ def coloured(comparison: Comparison, name: str, text: str) -> Markup:
 
 def _row(comparison: Comparison, name: str) -> tuple[Cell, ...]:
     draw = contrast_derived if name in DERIVED else contrast
-    described = QUANTITIES[name].description
+    described = quantity_of(name).description
     picture = drawing(draw(comparison, name), f"{described} in all results")
     image = Markup('<img class="drawn" src="{}" alt="{}" width="{}">').format(picture.data, picture.alt, picture.width)
     cells = _cells(comparison, name) + list(_fixed(comparison, name))

@@ -23,7 +23,8 @@ from bayesterra.checking.predictive import (
     predict_rows,
     predictive_table,
 )
-from bayesterra.checking.validation import validate
+from bayesterra.checking.soil_tests import new_tests
+from bayesterra.checking.validation import Validation, validate
 from bayesterra.design.recommendation import QUICK, next_drive
 from bayesterra.errors import check_kind, check_seed
 from bayesterra.identifiability import analysis as identifiability_analysis
@@ -33,13 +34,15 @@ from bayesterra.identifiability.verdicts import Identifiability, identifiability
 from bayesterra.least_squares import results
 from bayesterra.least_squares.fit import fit_all
 from bayesterra.least_squares.results import CONDITIONAL, Fit, PointEstimate, locate, point_rows, report_table
+from bayesterra.least_squares.soil_tests import rows_of_tests
 from bayesterra.likelihood.forward import derive
 from bayesterra.likelihood.posterior import Posterior, PriorDraws, draw_cut_prior, posterior
-from bayesterra.parameters import DERIVED, PARAMETERS, PRIOR_PARAMETERS, Parameter
+from bayesterra.parameters import DERIVED, PARAMETERS, PRIOR_PARAMETERS, Parameter, of_soil_tests
 from bayesterra.report.verdicts import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.sampling import sampler
+from bayesterra.sampling.adaptation import OF_SOIL_TESTS
 from bayesterra.sampling.evidence import (
     Evidence,
     PosteriorProposal,
@@ -56,7 +59,7 @@ from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.result import conditions_dataset, parameter_dataset
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, without_wheels
 
 MODE_DRAWS = 4000
 CURVE_DRAWS = 1000
@@ -97,14 +100,15 @@ def run(
         check_installed()
     started = time.perf_counter()
     target = posterior(study)
-    streams = SeedSequence(seed).spawn(10)
+    streams = SeedSequence(seed).spawn(11)
     sampling, prior_stream, predicting, validating, weighing, nesting, *later = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
-    samples = sample(target, study.sampling, sampling, report, checkpoint_store=checkpoint_store)
+    size = None if target.driven else OF_SOIL_TESTS
+    samples = sample(target, study.sampling, sampling, report, adaptation=size, checkpoint_store=checkpoint_store)
     report(Progress("comparing", 1.0))
     kept = thin(samples.chains)
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
-    fits, refused = failures.attempt("fits", lambda: fit_all(study), lambda: ({}, ()))
+    fits, refused = failures.attempt("fits", lambda: fit_all(study) if target.driven else ({}, ()), lambda: ({}, ()))
     spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
     mode = failures.attempt("mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced))
     held = {name: fitted.values()[name] for fitted in fits.values() for name in fitted.held if name in target.names}
@@ -153,9 +157,9 @@ class Analysis:
         """Put everything into tables, labelled draws and the record; ``started`` is the clock's time then.
 
         ``rng`` predicts; ``streams`` are for the checks, for what the data added to the prior, for
-        loads before the readings, for other noise, and for the next drive.
+        loads before the readings, for other noise, for the next drive, and for soil tests.
         """
-        validating, informing, loading, scaling, planning = streams
+        validating, informing, loading, scaling, planning, testing = streams
         failures, draws_of = self.failures, self.kept.flat
         rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
         draws = self._draws(rows, before, rng)
@@ -172,10 +176,14 @@ class Analysis:
         )
         table, directions = self.identifiability(default_rng(informing))
         noise = failures.attempt("noise", lambda: self.other_noise(default_rng(scaling)), dict[str, Redrawn])
-        checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
-        following = failures.attempt(
-            "next", lambda: next_drive(self.study, self.posterior, self.kept.spaced(QUICK), planning), lambda: None
-        )
+        checked, tested, following = Validation(None, None, None), None, None
+        if self.posterior.driven:
+            checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
+            following = failures.attempt(
+                "next", lambda: next_drive(self.study, self.posterior, self.kept.spaced(QUICK), planning), lambda: None
+            )
+        if self.posterior.experiments:
+            tested = failures.attempt("left_out", lambda: new_tests(self.posterior, draws_of, testing), lambda: None)
         findings = {
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
             "sampling": sampler.of_samples(self.samples, self.kept.every),
@@ -189,6 +197,7 @@ class Analysis:
             **({"next": following} if following else {}),
             **directions,
             **checked.record(),
+            **(tested.record() if tested else {}),
         }
         summary = summary_table(
             self.study, self.posterior, self.kept.chains, self.prior.x, self.mode.x, self.samples.diagnosis,
@@ -199,6 +208,7 @@ class Analysis:
         found = RunResult(
             study=self.study, draws=draws, summary=summary, least_squares=self.least_squares(standings),
             identifiability=table, predictive=predictive_table(self.study, rows),
+            new_tests=tested.table if tested else pd.DataFrame(), bands=tested.bands if tested else pd.DataFrame(),
             record=with_failures(result.run_record(self.study, seed, findings, seconds), failures),
         )  # fmt: skip
         judged = failures.attempt("verdicts", lambda: found.judged, lambda: found)
@@ -206,18 +216,19 @@ class Analysis:
 
     def identifiability(self, rng: Generator) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Verdicts on the parameters, and the record of the directions that design and data determine."""
-        names, prior, draws = self.posterior.names, self.prior.x, self.kept.flat
+        names, stated = self.posterior.names, self.study.prior.stated
+        prior, draws = self.prior.x, self.kept.flat
 
         def structure_and_verdicts() -> tuple[structures.Structure, Identifiability]:
             seen = structures.structure(self.posterior, prior[: structures.DRAWS])
             laws = [self.study.prior.laws[name] for name in names]
             ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
             structural = np.isin(names, seen.determined)
-            return seen, identifiability(names, ranges, prior, draws, structural, logs)
+            return seen, identifiability(names, ranges, stated(prior), stated(draws), structural, logs)
 
         both = self.failures.attempt("identifiability", structure_and_verdicts, lambda: None)
         if both is None:
-            return undetermined(names, prior, draws), {}
+            return undetermined(names, stated(prior), stated(draws)), {}
         seen, verdicts = both
 
         def directions() -> dict[str, Any]:
@@ -228,6 +239,8 @@ class Analysis:
 
     def _rows(self, x: FloatArray, rng: Generator, *, before: bool = False) -> RowPredictions:
         """Readings of all rows that parameter sets (n, d) predict."""
+        if not self.posterior.driven:
+            return no_rows(self.study, len(x))
         return self.failures.attempt(
             "prior_predictive" if before else "posterior_predictive",
             lambda: predict_rows(self.study, self.posterior, x, rng, before=before),
@@ -245,7 +258,7 @@ class Analysis:
 
         return draws_tree(
             self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
-            self.failures.attempt("curves", curves, lambda: None),
+            self.failures.attempt("curves", curves, lambda: None) if self.posterior.driven else None,
         )  # fmt: skip
 
     def other_noise(self, rng: Generator) -> dict[str, Redrawn]:
@@ -285,7 +298,7 @@ class Analysis:
         points |= {name: fitted.identified() for name, fitted in self.fits.items()}
         points |= {name: dict(stated.values) for name, stated in self.study.references.items()}
         soils = {
-            method: {name: value for name, value in values.items() if name in PRIOR_PARAMETERS}
+            method: {n: v for n, v in values.items() if n in PRIOR_PARAMETERS or of_soil_tests(n)}
             for method, values in points.items()
         }
         return locate(self.posterior, self.kept.flat, densities, soils)
@@ -293,6 +306,8 @@ class Analysis:
     def least_squares(self, standings: Mapping[str, PointEstimate]) -> pd.DataFrame:
         """The table of point estimates with the share of draws denser than each; NaN for incomplete ones."""
         table = report_table(self.fits, self.study)
+        if tests := self.failures.attempt("fits", lambda: list(rows_of_tests(self.study)), list[Any]):
+            table = pd.concat([table, pd.DataFrame(tests, columns=results.COLUMNS)], ignore_index=True)
         if CONDITIONAL in standings:
             rows = point_rows(CONDITIONAL, standings[CONDITIONAL].values, self.study)
             table = pd.concat([table, pd.DataFrame(rows, columns=results.COLUMNS)], ignore_index=True)
@@ -327,6 +342,7 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     target = posterior(study)
     cut = draw_cut_prior(target, DRAWS, drawing)
     failures = Failures()
+    without_wheels(study, "run --prior-only")
     predictions = failures.attempt(
         "prior_predictive",
         lambda: predict_rows(study, target, cut.x, predicting, before=True),

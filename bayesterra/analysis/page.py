@@ -20,6 +20,7 @@ from bayesterra.analysis.closing_page import (
 )
 from bayesterra.analysis.figures import PRIOR_MASS
 from bayesterra.analysis.findings_page import Finding, findings, strip
+from bayesterra.analysis.soil_tests_page import soil_tests_sections
 from bayesterra.arrays import FloatArray
 from bayesterra.checking import validation_page
 from bayesterra.checking.validation import complete_soils, estimates, spread_draws
@@ -36,7 +37,7 @@ from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models.traction import SLIP_GRID
-from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values, in_order
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
 from bayesterra.report.numbers import (
     NOTHING,
@@ -50,7 +51,7 @@ from bayesterra.report.numbers import (
     with_error,
 )
 from bayesterra.report.sections import Draft, Prose, Section, VerdictPage
-from bayesterra.report.symbols import QUANTITIES, amount, angles, listed, symbol, unit, with_unit
+from bayesterra.report.symbols import amount, angles, listed, quantity_of, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict, failed
 from bayesterra.stats.quantile_law import QuantileLaw
@@ -67,7 +68,7 @@ class Page(VerdictPage):
 
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
-    driving: Driving
+    driving: Driving | None
     findings: tuple[Finding, ...]
 
 
@@ -77,11 +78,14 @@ def run_page(result: Result) -> Page:
     failures = draft.failures
     judged = failures.attempt("report: verdicts", lambda: result.verdicts, tuple[Verdict, ...])
     shown = failures.attempt("report: strip", lambda: (tuple(strip(result)), keys(estimates(result))), lambda: ((), ()))
-    driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
+    driven = None
+    if result.study.wheels:
+        driven = failures.attempt("report: driving", lambda: driving(result), Driving.unknown)
     statements = failures.attempt("report: findings", lambda: findings(result), tuple[Finding, ...])
-    sections = _sections(draft)
+    sections = _sections(draft, result)
     return Page(
-        title=result.study.title or "Soil parameters from wheel tests", kind=result.study.kind,
+        title=result.study.title or f"Soil parameters from {'wheel' if result.study.wheels else 'soil'} tests",
+        kind=result.study.kind,
         facts=_facts(result), warning=draft.warning(warning(result)), verdicts=judged,
         strip=shown[0], legend=shown[1], driving=driven, findings=statements, sections=sections,
         version=result.record["versions"]["bayesterra"], failures=failures,
@@ -89,18 +93,24 @@ def run_page(result: Result) -> Page:
     )  # fmt: skip
 
 
-def _sections(draft: Draft[Result]) -> tuple[Section, ...]:
-    """All sections, in their order."""
-    return (
-        draft.section("data", "Data and model", data_section),
-        draft.section("sampling", "Sampling quality", sampling_section),
-        draft.section("posterior", "Posterior", posterior_section),
-        *draft.sections("What the wheel adds", added_sections),
+def _sections(draft: Draft[Result], result: Result) -> tuple[Section, ...]:
+    """All sections, in their order; those about rows of wheels where there are any."""
+    driven = bool(result.study.wheels)
+    of_rows = (
         *draft.sections("What the model misses", missed_sections),
         draft.section("checks", "Predictive checks", predictive_section),
         draft.section("loo", "Cross-validation", cross_validation_section, "loo"),
+    ) if driven else ()  # fmt: skip
+    of_methods = (draft.section("methods", "Least squares side by side", methods_section, "standings"),)
+    return (
+        draft.section("data", "Data and model" if driven else "Model and prior", data_section),
+        draft.section("sampling", "Sampling quality", sampling_section),
+        draft.section("posterior", "Posterior", posterior_section),
+        *draft.sections("Soil tests", soil_tests_sections),
+        *draft.sections("What the wheel adds", added_sections),
+        *of_rows,
         draft.section("identifiability", "Identifiability", identifiability_section, "identifiability"),
-        draft.section("methods", "Least squares side by side", methods_section, "standings"),
+        *(of_methods if driven else ()),
         draft.section("prior", "Sensitivity to prior and noise", prior_section),
         draft.section("words", "What the words mean", words_section),
         draft.section("reproduce", "Reproduce this", reproduce_section),
@@ -110,19 +120,31 @@ def _sections(draft: Draft[Result]) -> tuple[Section, ...]:
 
 def _facts(result: Result) -> tuple[str, ...]:
     study, rows = result.study, result.study.observations
-    wheels = ", ".join(study.wheels)
+    wheels, analysed = ", ".join(study.wheels), f"analysed {str(result.record['made'])[:10]}"
+    tests = [f"{len(test.readings.tests)} {test.kind} tests {name}" for name, test in study.soil_tests.items()]
+    if not study.wheels:
+        return tuple(filter(None, (*tests, study.soil, study.date, analysed)))
     used = f"{int(rows.use.sum())} of {len(rows)} rows in the fit"
     facts = (
         f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}", study.soil, study.date, used,
-        f"model {study.model.name}, {study.drive}-driven", f"analysed {str(result.record['made'])[:10]}",
+        f"model {study.model.name}, {study.drive}-driven", *tests, analysed,
     )  # fmt: skip
     return tuple(part for part in facts if part)
+
+
+MISFIT = {
+    "Fit": ("units, loads and priors", "another model, or a [discrepancy]"),
+    "Soil tests": ("units, plate sizes or normal stresses, and priors", "another law, or wider noise of the tests"),
+}
+"""Verdicts of which bad ones forbid the use of a result: what to check, and what to do then."""
 
 
 def warning(result: Result) -> Markup:
     """Warning against the use of the figures as they stand, and the mend; empty where nothing forbids it."""
     misfit = (
-        misfit_warning(verdict.html) for verdict in result.verdicts if verdict.name == "Fit" and verdict.grade == "bad"
+        misfit_warning(verdict.html, *MISFIT[verdict.name])
+        for verdict in result.verdicts
+        if verdict.name in MISFIT and verdict.grade == "bad"
     )
     unsettled = unconverged(
         result,
@@ -137,6 +159,9 @@ def warning(result: Result) -> Markup:
 def data_section(result: Result) -> Blocks:
     """Data and model."""
     cut = Text(support(result.record["prior_support"]))
+    if not result.study.wheels:
+        notes = (Text(Markup("Note: {}").format(note)) for note in result.study.notes)
+        return (*notes, _priors(result), *prior_sources(result.study), cut)
     note = slip_note(posterior(result.study), spread_draws(result, TYPICAL))
     return (*conditions(result.study), *note, _priors(result), *prior_sources(result.study), cut)
 
@@ -145,13 +170,14 @@ def _priors(result: Result) -> Table:
     entries = result.study.prior.entries
     rows = summary_rows(result)
     body: list[tuple[Cell, ...]] = []
-    for name in (name for name in PARAMETERS if name in entries):
+    for name in in_order(entries):
         cut = moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
         what = (symbol(name), angles(PARAMETERS[name].description))
         body.append((*what, stated_law(name, entries[name]), *cut))
-    return Table(
-        say("priors", _joined(result.study)), "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body)
-    )
+    caption, at = say("priors", _joined(result.study)), result.study.prior.reference
+    if result.study.prior.stretched:
+        caption += say("at_sinkage", f"{1e3 * at:g}")
+    return Table(caption, "lllrr", ("", "parameter", "stated law", "mean", "sd"), tuple(body))
 
 
 def _joined(study: Study) -> str:
@@ -183,7 +209,7 @@ def _parameters(result: Result) -> Table:
         step = resolution(*ends)
         figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(*ends))
         name = row["parameter"]
-        rows.append((QUANTITIES[name].symbol, row["unit"], *reached(name, *ends, *figures), words.get(name, "")))
+        rows.append((quantity_of(name).symbol, row["unit"], *reached(name, *ends, *figures), words.get(name, "")))
     header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
     return Table(result.study.title, "llrrrl", header, (*rows[: len(words)], (), *rows[len(words) :]))
 
@@ -260,7 +286,7 @@ def _summary(result: Result) -> Table:
         step = resolution(*row.hdi)
         values = (rounded(value, step) for value in (row.mode, row.median, row.mean))
         prior = moments(row.prior_mean, row.prior_sd)
-        what = (symbol(name), angles(QUANTITIES[name].description), unit(name) or NOTHING)
+        what = (symbol(name), angles(quantity_of(name).description), unit(name) or NOTHING)
         rows.append((*what, *values, plain(row.sd, 2), interval(*row.hdi), *prior))
     header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
     return Table(say("summary"), "lllrrrrrrr", header, tuple(rows))

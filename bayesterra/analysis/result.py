@@ -17,12 +17,13 @@ from typing_extensions import TypedDict
 from bayesterra.arrays import BoolArray, FloatArray, answered_quantiles
 from bayesterra.checking.levels import scope, untested
 from bayesterra.checking.predictive import Curves, RowPredictions
+from bayesterra.checking.soil_tests import verdict_on_tests
 from bayesterra.checking.validation import Validation, fit_verdict, prediction_verdict
 from bayesterra.errors import ResultError
 from bayesterra.identifiability.analysis import soil_verdict
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
+from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, whole_and_part
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.verdicts import Verdict, failed, quotable, sampling_verdict, unknown_verdict
 from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
@@ -98,6 +99,7 @@ Reading = TypedDict("Reading", {
     "q50": Some, "q75": Some, "q95": Some, "pit": Some, "crps": Some, "log_score": Some, "covered50": bool,
     "covered90": bool, "no_answer": Number, "detail": str,
 })  # fmt: skip
+SoilTests = TypedDict("SoilTests", {"checks": dict[str, Some], "alarm": bool})
 FAILING = {
     "evidence": ("evidence",),
     "directions": ("directions", "identifiability"),
@@ -106,6 +108,8 @@ FAILING = {
     "loo": ("loo",),
 }
 """Entries of a record that may be missing where its ``failures`` name one of these."""
+OF_WHEELS = ("predictive_checks", "prior_checks", "loo")
+"""Those that are about rows of wheels."""
 
 
 def _same_length(loo: LeftOut) -> LeftOut:
@@ -131,11 +135,14 @@ class RunRecord(StudyRecord):
     levels: list[Reading] = Field(default_factory=list)
     noise: dict[Literal["half", "double"], OtherNoise] = Field(default_factory=dict)
     next: NextDrive | None = None
+    soil_tests: SoilTests | None = None
 
     @classmethod
     def excused(cls, content: dict[str, Any]) -> Collection[str]:
         """Entries that may be missing because they, or what they rest on, could not be computed."""
         failed = set(content.get("failures", ()))
+        if not content.get("model", " "):  # no wheel: soil tests alone
+            return ("evidence", "directions", *OF_WHEELS)
         return [name for name, causes in FAILING.items() if failed & set(causes)]
 
 
@@ -158,13 +165,18 @@ class RunResult(Result):
         record, checked, rows = self.record, self.validation, self.study.observations.used()
         readings = int(sum((~np.isnan(rows.values[name])).sum() for name in self.study.noise))
         failed_ = {part: failed(record, part) for part in ("predictive_checks", "levels", "directions")}
-        directions, table = record.get("directions"), self.identifiability
+        directions, table, tested = record.get("directions"), self.identifiability, list[Verdict]()
+        if self.study.soil_tests:
+            tested = [verdict_on_tests(self.new_tests, record.get("soil_tests"), failed(record, "left_out"))]
         soil = unknown_verdict("Soil", failed(record, "identifiability", "directions"))
         if directions is not None:
             conflict = checked.prior is not None and checked.prior.conflict
             soil = soil_verdict(table, directions, conflict=conflict)
+        if not self.study.wheels:
+            return (sampling_verdict(record), *tested, soil)
         return (
             sampling_verdict(record),
+            *tested,
             fit_verdict(checked.checks, readings, len(self.names), failed_["predictive_checks"]),
             prediction_verdict(checked.levels, self.study.model.name, failed_["levels"]),
             soil,
@@ -174,6 +186,11 @@ class RunResult(Result):
     def sentence(self) -> str:
         """What may be quoted of the result."""
         return quotable(self.verdicts, scope(self.study), untested(self.study))
+
+    def tables(self) -> Mapping[str, pd.DataFrame]:
+        """Tables by the names of their CSV files: those that the study has."""
+        tables = {**super().tables(), "new_tests": self.new_tests, "bands": self.bands}
+        return {name: table for name, table in tables.items() if len(table.columns)}
 
     @property
     def judged(self) -> Self:
@@ -249,7 +266,7 @@ def check_tables(tables: Mapping[str, pd.DataFrame], names: Sequence[str]) -> No
     names : free parameters of its study; every table of parameters begins with them.
     """
     for name, columns in COLUMNS.items():
-        for column, kind in columns.items():
+        for column, kind in columns.items() if name in tables else ():
             _check_column(tables[name], column, kind, f"{name}.csv")
     for name in ("summary", "identifiability"):
         if tables[name]["parameter"].tolist()[: len(names)] != list(names):
@@ -270,7 +287,7 @@ def _check_column(table: pd.DataFrame, column: str, kind: str | Collection[str],
     if kind == NUMBER:
         if not pd.api.types.is_numeric_dtype(values) or pd.api.types.is_complex_dtype(values):
             raise ValueError(f"{place}: '{column}' must hold numbers")
-    elif not all(isinstance(value, str) and (kind == TEXT or value in kind) for value in values):
+    elif not all(isinstance(v, str) and (kind == TEXT or whole_and_part(v)[0] in kind) for v in values):
         raise ValueError(f"{place}: '{column}' holds what does not belong there")
 
 
@@ -278,7 +295,8 @@ def check_draws(tree: xr.DataTree, study: Study) -> None:
     """ValueError where groups, dimensions or parameters are not those of a result of this study."""
     older = "log_likelihood" in tree.children and "used_row" in tree["log_likelihood"].dims
     of_fit = {"log_likelihood": ("chain", "draw", "used_row")} if older else {}
-    for group, dims in {**GROUPS, **of_fit}.items():
+    needed = {n: dims for n, dims in {**GROUPS, **of_fit}.items() if study.wheels or dims[-1] == "draw"}
+    for group, dims in needed.items():
         if group not in tree.children:
             raise ValueError(f"draws.nc lacks the group '{group}'")
         for name, values in tree[group].data_vars.items():
@@ -297,7 +315,7 @@ def check_draws(tree: xr.DataTree, study: Study) -> None:
     used = int(study.observations.use.sum())
     rows = len(study.observations) if older else used
     sizes = dict.fromkeys(("observed_data", "posterior_predictive", "prior_predictive"), rows)
-    for group, size in {**sizes, "log_likelihood": used}.items():
+    for group, size in {**sizes, "log_likelihood": used}.items() if study.wheels else ():
         if tree[group].sizes[{**GROUPS, **of_fit}[group][-1]] != size:
             raise ValueError(f"draws.nc: '{group}' has other rows than the study")
 
@@ -342,18 +360,24 @@ def read_pooled(folder: Path) -> PooledResult:
         return PooledResult(**_content(folder, PooledResult))
 
 
-def _files(kind: type[Result]) -> tuple[str, ...]:
-    return (DRAWS, RECORD, "study.toml", "measurements.csv", *(f"{name}.csv" for name in kind.TABLES))
+def _files(kind: type[Result], folder: Path) -> tuple[str, ...]:
+    """Files that a folder must hold, and tables of soil tests that it holds; few are about wheels."""
+    tables, extra = (f"{name}.csv" for name in kind.TABLES), (f"{name}.csv" for name in ("new_tests", "bands"))
+    held = [name for name in extra if (folder / name).is_file()]
+    idle = ("measurements.csv", "predictive.csv") if held and not (folder / "measurements.csv").is_file() else ()
+    return tuple(n for n in (DRAWS, RECORD, "study.toml", "measurements.csv", *tables, *held) if n not in idle)
 
 
 def _missing(folder: Path, kind: type[Result]) -> list[str]:
-    return [name for name in _files(kind) if not (folder / name).is_file()]
+    return [name for name in _files(kind, folder) if not (folder / name).is_file()]
 
 
 def _content(folder: Path, kind: type[RunResult | PooledResult]) -> dict[str, Any]:
     """Fields of a result by name, read from the files of a folder."""
-    check_sums(folder, *_files(kind))
-    tables = {name: read_csv(folder / f"{name}.csv") for name in kind.TABLES}
+    files = _files(kind, folder)
+    check_sums(folder, *files)
+    tables = {name.removesuffix(".csv"): read_csv(folder / name) for name in files if name.endswith(".csv")}
+    tables.pop("measurements", None)
     record = kind.RECORD.read(folder / RECORD)
     return {**tables, "record": record, "draws": read_tree(folder / DRAWS), "study": load_study(folder)}
 
@@ -395,35 +419,38 @@ def draws_tree(
     predictions : by group, ``prior_predictive`` and ``posterior_predictive``; of all rows of the table.
     curves : of :func:`curves_dataset`; None where they could not be computed.
     """
-    shape, flat = chains.shape[:2], chains.reshape(-1, chains.shape[2])
-    pointwise = posterior.log_terms(flat)
-    apart = posterior.likelihood.rows_apart
-    total = pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0]
-    log_density = posterior.log_prior(flat) + total
-    laws, use = posterior.prior.laws, study.observations.use
-    predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
-    groups = {
-        "posterior": parameter_dataset(posterior.names, chains),
-        "sample_stats": labelled_dataset(
-            {
-                "lp": (("chain", "draw"), log_density.reshape(shape)),
-                **{name: (("chain", "draw"), values) for name, values in labels.items()},
-            }
-        ),
-        "log_prior": labelled_dataset(
-            {name: (("chain", "draw"), law.log_density(chains[:, :, i])) for i, (name, law) in enumerate(laws.items())}
-        ),
-        "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
-        "prior": parameter_dataset(posterior.names, prior[None]),
-        **{name: of_rows(dataset, use) for name, dataset in predicted.items()},
-        "observed_data": of_rows(observed_dataset(study), use),
-        "constant_data": of_rows(conditions_dataset(study), use),
-        **({"curves": curves} if curves is not None else {}),
-    }
+    shape, flat, two = chains.shape[:2], chains.reshape(-1, chains.shape[2]), ("chain", "draw")
+    laws, use, log_density = posterior.prior.laws, study.observations.use, posterior.log_before(flat)
+    groups: dict[str, xr.Dataset] = {}
+    if posterior.driven:
+        pointwise = posterior.log_terms(flat)
+        apart = posterior.likelihood.rows_apart
+        log_density = log_density + (pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0])
+        predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
+        groups = {
+            "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
+            **{name: of_rows(dataset, use) for name, dataset in predicted.items()},
+            "observed_data": of_rows(observed_dataset(study), use),
+            "constant_data": of_rows(conditions_dataset(study), use),
+            **({"curves": curves} if curves is not None else {}),
+        }
     if not use.all():
         groups["predictions"] = of_rows(predicted["posterior_predictive"], ~use)
         groups["predictions_constant_data"] = left_out_dataset(study)
-    return labelled_tree(groups)
+    for experiment in posterior.experiments:
+        terms = experiment.log_likelihoods(flat).reshape(*shape, -1)
+        dataset = labelled_dataset({"log_likelihood": ((*two, "test"), terms)})
+        groups[f"soil_test_{experiment.test.name}"] = dataset.assign_coords(test=list(experiment.readings.tests))
+    stated, stretch = posterior.prior.stated(flat), posterior.prior.log_stretch(flat)
+    densities = {n: law.log_density(stated[:, i]) + stretch[:, i] for i, (n, law) in enumerate(laws.items())}
+    stats = {"lp": (two, log_density.reshape(shape)), **{name: (two, values) for name, values in labels.items()}}
+    whole = {
+        "posterior": parameter_dataset(posterior.names, chains),
+        "sample_stats": labelled_dataset(stats),
+        "log_prior": labelled_dataset({name: (two, density.reshape(shape)) for name, density in densities.items()}),
+        "prior": parameter_dataset(posterior.names, prior[None]),
+    }
+    return labelled_tree({**whole, **groups})
 
 
 def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:

@@ -7,6 +7,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from bayesterra.analysis import inference
 from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import PriorResult, is_pooled, is_prior, read_pooled, read_result
@@ -21,6 +23,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.sampling.sampler import Progress, progress_bar
 from bayesterra.study.canonical import identity
 from bayesterra.study.result import Result
+from bayesterra.study.soil_test_file import load_soil_test, soil_test_study
 from bayesterra.study.study import STUDY_FILE, Study, load_study
 
 
@@ -126,6 +129,44 @@ def _finished(study: Study, out: Path, seed: int) -> Result | None:
         return None
     clear_up(out)
     return result
+
+
+def soil_test(
+    test: Study | str | Path | None = None,
+    *,
+    data: pd.DataFrame | None = None,
+    seed: int = 1,
+    progress: Callable[[Progress], None] = lambda update: None,
+    **tables: Any,
+) -> Result:
+    """Sample what a series of plate or shear tests tells of its soil, and set it beside least squares.
+
+    Parameters
+    ----------
+    test : a soil-test file, the folder of one, or a loaded test.
+    data : in place of a file: readings with units in the headers; further keywords are then the tables of the
+        file (``kind="plate"``, ``priors``, ``noise``, ...), with numbers in SI, and options of [data] by
+        name.
+    seed : same seed, same draws on one machine.
+    progress : called as the sampling goes on.
+
+    Raises
+    ------
+    StudyError : something in the file or the tables cannot be used as it stands.
+    SupportError : the prior leaves no physical parameter set.
+    """
+    if data is not None:
+        check_kind("bt.soil_test", data, pd.DataFrame)
+        content = dict(tables)
+        options = ("source", "pressure_range", "displacement_range", "spacing")
+        rows = {name: content.pop(name) for name in options if name in content}
+        test = soil_test_study({"test": content.pop("kind", None), "data": rows, **content}, table=data)
+    elif isinstance(test, str | Path):
+        test = load_soil_test(test)
+    if test is None or (tables and data is None):
+        raise TypeError("soil_test() takes a file, a loaded test, or data with its tables")
+    check_kind("bt.soil_test", test, Study)
+    return run(test, seed=seed, progress=progress)
 
 
 def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool = False) -> PriorResult:

@@ -13,15 +13,15 @@ from numpy.random import Generator
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import ResultError, SupportError, check_kind, check_seed
 from bayesterra.likelihood.posterior import REASONS, draw_cut_prior, likelihood_of, posterior
-from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, whole_and_part
+from bayesterra.parameters import CHANNELS, OUTCOMES, in_order, whole_and_part
 from bayesterra.runtime.folders import whole_folder, write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.stats.laws import draw_population
-from bayesterra.study.canonical import simulated_toml
+from bayesterra.study.canonical import simulated_toml, write_readings
 from bayesterra.study.entries import parameter_value
 from bayesterra.study.groups import values_of_group
 from bayesterra.study.observations import Observations
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, without_wheels
 
 _PRIOR_DRAWS = 2000
 
@@ -54,7 +54,7 @@ def true_values(study: Study, assigned: Mapping[str, float | str] | None = None,
     assigned : values by parameter, SI numbers or text with a unit.
     seed : of values drawn from populations.
     """
-    names = tuple(name for name in PARAMETERS if name in study.prior.entries)
+    names = tuple(in_order(study.prior.entries))
     groups, own = groups_of(study), list[str]()
     if study.pooling is not None:
         own = study.pooling.own_names(dict.fromkeys(groups))
@@ -128,6 +128,7 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
     SupportError : the model has no answer at one of the rows.
     """
     check_kind("bt.simulate", study, Study)
+    without_wheels(study, "bt.simulate")
     check_seed(seed)
     values, rng = true_values(study, truth, seed).values, np.random.default_rng(seed)
     rows, groups = study.observations, np.array(groups_of(study), dtype=object)
@@ -137,6 +138,13 @@ def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed:
         for i, name in enumerate(study.noise):
             made[name][groups == group] = drawn[:, i]
     return _table(study, {n: np.where(np.isnan(rows.values[n]), np.nan, v) for n, v in made.items()})
+
+
+def simulated_tests(study: Study, values: Mapping[str, float], seed: int) -> Study:
+    """The study with soil tests that these values (SI) make, at its sinkages and displacements."""
+    target, rng = posterior(study), np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(2,)))
+    x = np.array([[values[name] for name in target.names]])
+    return study.with_stresses({each.test.name: each.draw(x, rng)[0] for each in target.experiments})
 
 
 def _drawn(study: Study, rows: Observations, values: Mapping[str, float], rng: Generator) -> FloatArray:
@@ -180,7 +188,7 @@ def write_simulated(
 
     Parameters
     ----------
-    folder : must not exist yet; gets ``study.toml``, with the truth in it, and ``measurements.csv``.
+    folder : must not exist yet; gets ``study.toml``, with the truth in it, ``measurements.csv`` and soil tests.
     seed, truth : see :func:`simulate`.
 
     Raises
@@ -191,9 +199,12 @@ def write_simulated(
     if folder.exists():
         raise ResultError(f"'{folder}' exists already: give another folder with --out")
     made_with = true_values(study, truth, seed)
-    table = simulate(study, made_with.values, seed)
+    table = simulate(study, made_with.values, seed) if study.wheels else None
+    study = simulated_tests(study, made_with.values, seed) if study.soil_tests else study
     text = simulated_toml(study, truth=made_with.values, source=f"simulated with seed {seed}")
     with whole_folder(folder, sums=False) as part:  # a study to work on
-        write_text(part / "measurements.csv", csv_text(table, "%.12g"))
+        if table is not None:
+            write_text(part / "measurements.csv", csv_text(table, "%.12g"))
+        write_readings(study, part)
         write_text(part / "study.toml", text)
     return made_with

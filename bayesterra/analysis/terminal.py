@@ -12,12 +12,13 @@ from bayesterra.analysis.simulation import Truth
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.joint import whole_posterior
 from bayesterra.likelihood.posterior import draw_cut_prior
-from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.parameters import CHANNELS, PARAMETERS, in_order
 from bayesterra.report.terminal import PlainConsole
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError
 from bayesterra.study.priors import Entry, Tie
+from bayesterra.study.soil_tests import LEVELS
 from bayesterra.study.study import Study
 
 
@@ -32,8 +33,11 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     groups = whole_posterior(study).groups
     cuts = {name: draw_cut_prior(own, 1000, np.random.default_rng(0)) for name, own in groups.items()}
     console.print(_general(study))
-    console.print(_columns(study))
-    console.print(_measurements(study))
+    if study.wheels:
+        console.print(_columns(study))
+        console.print(_measurements(study))
+    if study.soil_tests:
+        console.print(_soil_tests(study))
     console.print(_priors(study))
     for names, source in study.prior.sources.items():
         console.print(f"{', '.join(names)}: {source}")
@@ -45,7 +49,7 @@ def print_overview(study: Study, console: Console | None = None) -> None:
     for name, own in groups.items():
         shares = (f"{100 * share:.3g} % {reason}" for reason, share in cuts[name].shares.items())
         console.print(f"Of the stated prior{f', {name} alone' if name else ''}: {', '.join(shares)}")
-        doubts.append(own.doubts(cuts[name].x[:TYPICAL]))
+        doubts.append(own.doubts(cuts[name].x[:TYPICAL]) if own.driven else "")
     for warning in study.warnings:
         console.print(f"Warning: {warning}")
     for note in (*study.notes, *filter(None, dict.fromkeys(doubts))):
@@ -63,10 +67,11 @@ def print_truth(truth: Truth) -> None:
 def _general(study: Study) -> Table:
     options = ", ".join(f"{name} {value}" for name, value in asdict(study.model).items())
     table = Table(title=study.title or "Study", show_header=False)
-    table.add_row("model", f"{study.model.name} ({options})")
     loads = study.load_range
     flat = "" if loads is None else f"; loads flat from {loads[0]:.4g} to {loads[1]:.4g} N"
-    table.add_row("drive", study.drive + flat)
+    if study.wheels:
+        table.add_row("model", f"{study.model.name} ({options})")
+        table.add_row("drive", study.drive + flat)
     for name, wheel in study.wheels.items():
         table.add_row(
             f"wheel {name}",
@@ -106,6 +111,17 @@ def _columns(study: Study) -> Table:
     return table
 
 
+def _soil_tests(study: Study) -> Table:
+    """Series of soil tests, and what of the study they read."""
+    table = Table("tests", "kind", "number", "readings", "levels", "read", title="Soil tests")
+    for name, test in study.soil_tests.items():
+        of, levels = LEVELS[test.kind], np.unique(test.readings.levels)
+        shown = ", ".join(f"{level / of.scale:g}" for level in levels)
+        counts = (str(len(test.readings.tests)), str(len(test.readings)))
+        table.add_row(name, test.kind, *counts, f"{of.symbol} {shown} {of.unit}", ", ".join(test.soil))
+    return table
+
+
 def _measurements(study: Study) -> Table:
     """All rows in field units, those left out of the fit dimmed; the noise in the last line."""
     from bayesterra.likelihood.page import noise_text
@@ -135,7 +151,7 @@ def _priors(study: Study) -> Table:
     whole = len(whole_posterior(study).names)
     table = Table("parameter", "prior", "in words", title=f"Prior: {whole} free parameters")
     populations = study.pooling.hierarchical if study.pooling else {}
-    for name in (name for name in PARAMETERS if name in study.prior.entries):
+    for name in in_order(study.prior.entries):
         words, entry = PARAMETERS[name].description, study.prior.entries[name]
         if study.pooling is not None and name in (*study.pooling.separate, *populations):
             words += f", of each {study.pooling.by}" + (" from a population" if name in populations else "")

@@ -60,7 +60,8 @@ def predictive_names(drive: Drive) -> tuple[str, str]:
 def quantity_names(study: Study) -> tuple[str, ...]:
     """All test quantities: free parameters, log likelihood, log prior, two predictive ones of each group."""
     target = whole_posterior(study)
-    predictive = (name_in_group(name, group) for group in target.groups for name in predictive_names(study.drive))
+    named = predictive_names(study.drive) if study.wheels else ()
+    predictive = (name_in_group(name, group) for group in target.groups for name in named)
     return (*target.names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive)
 
 
@@ -76,6 +77,8 @@ def quantities(target: Posterior | JointPosterior, x: FloatArray) -> dict[str, F
 
 def _predicted(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
     forward, soil = posterior.likelihood.forward, posterior.prior.soil_values(x)
+    if not posterior.driven:
+        return {}
     names = predictive_names(forward.drive)
     if forward.drive.latent_load:
         plain = soil_at(soil, float(forward.conditions.width[0]))
@@ -167,12 +170,21 @@ def replicated(study: Study, rng: Generator) -> tuple[FloatArray, Study]:
         outcomes = [
             alone.likelihood.imagined(alone.prior.soil_values(values), alone.noise_values(values), rng)
             for alone, values in zip(groups, own, strict=True)
+            if alone.driven
         ]
         if not any(made.status[0] for made in outcomes):
             break
     else:
         raise SupportError(f"none of {_ATTEMPTS} soils of the prior carries loads of the whole load range")
     readings = {name: study.observations.values[name].copy() for name in study.noise}
+    stresses = {
+        each.test.name: each.draw(values, rng)[0]
+        for alone, values in zip(groups, own, strict=True)
+        for each in alone.experiments
+    }
+    study = study.with_stresses(stresses) if stresses else study
+    if not outcomes:
+        return truth, study
     for alone, values, made in zip(groups, own, outcomes, strict=True):
         likelihood = alone.likelihood
         drawn = likelihood.draw(made, alone.noise_values(values), rng)[0]
@@ -277,8 +289,8 @@ def origin_of(study: Study, seed: int, fit: Fit | None = None) -> dict[str, Any]
     """Origin of outcomes: all that they depend on, which must be the same for a calibration to go on."""
     return {
         "seed": seed,
-        "model": study.model.name,
-        "drive": study.drive,
+        "model": study.model.name if study.wheels else "",
+        "drive": study.drive if study.wheels else "",
         "fingerprints": study.fingerprint,
         "settings": {"ranked_among": DRAWS, **settings_of(fit or short_runs(study))},
         "versions": versions(),

@@ -29,7 +29,7 @@ from bayesterra.runtime.folders import check_free
 from bayesterra.runtime.status import job_folder
 from bayesterra.runtime.tables import Count, Record
 from bayesterra.study.result import AnalysisResult, Result, versions
-from bayesterra.study.study import Study, load_study
+from bayesterra.study.study import Study, load_study, without_wheels
 
 
 @dataclass(frozen=True)
@@ -195,6 +195,7 @@ def leave_out(
     check_kind("bt.leave_out", what, Study, Result)
     check_seed(seed)
     study = what.study if isinstance(what, Result) else what
+    without_wheels(study, "holdout")
     return _held_out(
         study, lambda done, of, _: progress(_at_work(done, of)),
         by=by, tolerance=tolerance, seed=seed, engine=engine, fit=fit,
@@ -218,6 +219,7 @@ def leave_out_into(path: Path, out: Path, *, overwrite: bool = False, quiet: boo
     from bayesterra.report.terminal import stages
 
     study = load_study(path)
+    without_wheels(study, "holdout")
     check_free(out, overwrite=overwrite, mark=Holdout.MARK)
     with job_folder(out, mark=Holdout.MARK, overwrite=overwrite) as (part, status):
         with stages(show=not quiet) as show:

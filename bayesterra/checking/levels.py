@@ -141,7 +141,12 @@ def counts(records: Sequence[Mapping[str, Any]], model: str) -> tuple[Count, ...
 
 
 def scope(study: Study) -> str:
-    """Wheels, slips and loads of the rows in the fit, in words."""
+    """Wheels, slips and loads of the rows in the fit, and soil tests, in words."""
+    tests = [f"{len(test.readings.tests)} {test.kind} tests" for test in study.soil_tests.values()]
+    return enumerated([*([_driven(study)] if study.wheels else []), *tests])
+
+
+def _driven(study: Study) -> str:
     rows = study.observations.used()
     wheels = list(dict.fromkeys(rows.wheel))
     text = f"wheel{'s' if len(wheels) > 1 else ''} {enumerated(wheels)} at {_range('slip', rows.slip, '')}"
@@ -157,5 +162,7 @@ def _range(name: str, values: FloatArray, unit: str) -> str:
 
 def untested(study: Study) -> list[str]:
     """A clause on what readings of one level only cannot test."""
+    if not study.wheels:
+        return ["wheels were not tested"]
     ones = [by for by in ("slip", "load", "wheel") if len(folds_of(study, by)) < 2]
     return [f"other {enumerated([f'{by}s' for by in ones])} were not tested"] if ones else []

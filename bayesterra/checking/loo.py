@@ -274,7 +274,7 @@ class _Case:
     def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Parameters, log prior with Jacobian, log density of the rows and the others, −inf where any is."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
-        prior = self.near.posterior.log_prior(x)
+        prior = self.near.posterior.log_before(x)
         supported = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
         prior = np.where(supported, prior + np.where(supported, log_jacobian, 0.0), -np.inf)
         row, others = np.full(len(u), -np.inf), np.full(len(u), -np.inf)

@@ -47,16 +47,9 @@ def posterior_checks(result: Result) -> Blocks:
     return Text(verdict.html, verdict.grade if checks.alarm else ""), _statistics(result, checks)
 
 
-def misfit_warning(
-    words: Markup, check: str = "units, loads and priors", then: str = "another model, or a [discrepancy]"
-) -> Markup:
+def misfit_warning(words: Markup, check: str, then: str) -> Markup:
     """Warning that opens a page where the model cannot make readings like these."""
     return say("misfit_warning", words, check, then)
-
-
-def misfit_text(words: str, check: str = "units, loads and priors") -> str:
-    """The same in one line for a terminal."""
-    return f"warning: the model does not fit these readings: {words}; check {check} before you use any figure"
 
 
 def _statistics(result: Result, checks: PredictiveChecks) -> Table:

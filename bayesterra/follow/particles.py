@@ -222,7 +222,7 @@ class Levels:
 
     def __call__(self, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log prior, and log likelihood of the earlier rows and of the newest, (n,) each; −inf outside."""
-        prior = self.posterior.log_prior(x)
+        prior = self.posterior.log_before(x)
         earlier, newest = np.full(len(x), -np.inf), np.full(len(x), -np.inf)
         inside = np.flatnonzero(prior > -np.inf)
         newest[inside] = self._of_group(self.group, self.newest, x[inside])

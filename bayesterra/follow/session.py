@@ -20,7 +20,7 @@ from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells
 from bayesterra.study import schema
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result
-from bayesterra.study.study import STUDY_FILE, load_study
+from bayesterra.study.study import STUDY_FILE, load_study, without_wheels
 
 UPDATES = "updates.csv"
 
@@ -156,10 +156,11 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
         check_sums(what, UPDATES)
         return _gone_on(stream, what / UPDATES)
     study = load_study(what, prior_only=True, table=first)
+    without_wheels(study, "follow")
     path = what / STUDY_FILE if what.is_dir() else what
     with errors_in(path):
         described = schema.checked(schema.read_toml(path), bare=False).data
-    stated = {"slip_reference": described.slip_reference, "sinkage_reference": described.sinkage_reference}
+    stated = {name: getattr(described, name) for name in ("slip_reference", "sinkage_reference")}
     return FollowedStream(Stream(study, **{**stated, **options}))
 
 

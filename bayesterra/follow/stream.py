@@ -38,7 +38,7 @@ from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result
-from bayesterra.study.study import STUDY_FILE, Study, load_study
+from bayesterra.study.study import STUDY_FILE, Study, load_study, without_wheels
 
 if TYPE_CHECKING:
     from bayesterra.report.blocks import Overview
@@ -91,6 +91,7 @@ class Stream(AnalysisResult):
         check_kind("bt.Stream", known, Study, Result)
         check_seed(seed)
         study = known.study if isinstance(known, Result) else known
+        without_wheels(study, "follow")
         if study.errors.ripple:
             raise StudyError("following row by row knows no sweeps, along which [ripple] runs: leave it out")
         if not study.prior.names:
@@ -351,6 +352,11 @@ class Stream(AnalysisResult):
 
     def _begin(self, posterior: Whole, rng: Generator) -> None:
         """Draw particles from the prior, cut to where the first row has an answer."""
+        if self.study.soil_tests:
+            raise StudyError(
+                "following begins from a prior, which knows no soil tests: run the study first and follow its result,"
+                " without --restart"
+            )
         drawn = draw_cut_prior(posterior, self.particles, rng)
         share = drawn.shares[REASONS[INSIDE]]
         self.log_evidence = float(np.log(share))

@@ -409,8 +409,8 @@ def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str
     return {
         "title": study.title,
         "kind": study.kind,
-        "model": study.model.name,
-        "drive": study.drive,
+        "model": study.model.name if study.wheels else "",
+        "drive": study.drive if study.wheels else "",
         "seed": seed,
         **source,
         "seconds": seconds,

@@ -12,8 +12,8 @@ under wheels of one width, or of n0 and n1 at one slip; one that turns from draw
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -125,7 +125,7 @@ def _soil_nulls(posterior: Whole, prior: FloatArray, spectra: Ranks) -> list[Nul
         words = _words(parameters, directions[:, [columns[i] for i in places]], each.straight)
         counted = None if each.straight else len(names)
         reasons = [*design.reasons(parameters, counted), *_helped(parameters, remedies)]
-        if len(parameters) == len(directions) and not len(design.given):
+        if len(parameters) == len(directions) and design.rows and not len(design.given):
             words += ", or only in the way that it depends on the unknown load"
         nulls.append(Null(parameters, directions, each.straight, "; ".join([words, *reasons])))
     return nulls
@@ -208,6 +208,7 @@ class Design:
     ----------
     rows : number of rows in the fit.
     slips, widths, given : distinct slips, wheel widths (m), and loads (N; none where latent) or sinkages (m).
+    levels : distinct plate radii (m) and normal stresses (Pa) of soil tests, by kind.
     channels, missing : outcomes of the drive that are read, and that are not.
     readings : number of readings that differ in more than their error, less one per latent load.
     """
@@ -219,6 +220,7 @@ class Design:
     channels: tuple[str, ...]
     missing: tuple[str, ...]
     readings: int
+    levels: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def reasons(self, parameters: Sequence[str], free: int | None = None) -> list[str]:
         """Reasons in the design why directions among ``parameters`` may not be seen.
@@ -230,6 +232,10 @@ class Design:
             reasons.append(f"all rows have the slip {self.slips[0]:.3g}")
         if set(MODULI) <= set(parameters) and len(self.widths) == 1:
             reasons.append(f"all wheels are {1e3 * self.widths[0]:.3g} mm wide")
+        for kind, names in (("plate", MODULI), ("shear", ("c", "phi"))):
+            if set(names) <= set(parameters) and len(levels := self.levels.get(kind, self.slips[:0])) == 1:
+                word, unit = ("plates have the radius", "mm") if kind == "plate" else ("tests the normal stress", "kPa")
+                reasons.append(f"all {word} {levels[0] * (1e3 if kind == 'plate' else 1e-3):.3g} {unit}")
         load_driven = "normal_force" not in (*self.channels, *self.missing)
         if {"cDP", "cM"} & set(parameters) and load_driven and len(self.given) == 1:
             reasons.append(f"all rows have the load {self.given[0]:.3g} N")
@@ -239,7 +245,10 @@ class Design:
 
     def __str__(self) -> str:
         """Name rows, slips, widths and channels in a line."""
-        read = ", ".join(CHANNELS[name].description for name in self.channels)
+        tests = [f"{kind} tests at {counted(len(levels), 'level')}" for kind, levels in self.levels.items()]
+        if not self.rows:
+            return ", ".join(tests)
+        read = ", ".join([*(CHANNELS[name].description for name in self.channels), *tests])
         ends = f"{self.slips[0]:.3g}" + (f" to {self.slips[-1]:.3g}" if len(self.slips) > 1 else "")
         rows, slips = counted(self.rows, "row"), counted(len(self.slips), "slip")
         return f"{rows} at {slips} ({ends}), {counted(len(self.widths), 'wheel width')}; {read}"
@@ -253,7 +262,13 @@ def design_of(posterior: Whole) -> Design:
         np.unique(np.concatenate([getattr(each, name) for each in designs])) for name in ("slips", "widths", "given")
     )
     rows, readings = (sum(getattr(each, name) for each in designs) for name in ("rows", "readings"))
-    return replace(designs[0], rows=rows, slips=slips, widths=widths, given=given, readings=readings)
+    tests = [each for own in posterior.groups.values() for each in own.experiments]
+    levels = {
+        kind: np.unique(np.concatenate([each.readings.levels for each in tests if each.readings.kind == kind]))
+        for kind in dict.fromkeys(each.readings.kind for each in tests)
+    }
+    readings += sum(len(each.readings) for each in tests)
+    return replace(designs[0], rows=rows, slips=slips, widths=widths, given=given, readings=readings, levels=levels)
 
 
 def _of_likelihood(likelihood: Likelihood, read: BoolArray) -> Design:
@@ -267,7 +282,7 @@ def _of_likelihood(likelihood: Likelihood, read: BoolArray) -> Design:
         rows=len(conditions.slip), slips=np.unique(np.round(conditions.slip, 9)),
         widths=np.unique(np.round(conditions.width, 9)),
         given=np.empty(0) if latent else np.unique(forward.given), channels=likelihood.channels,
-        missing=tuple(name for name in forward.outcomes if name not in likelihood.channels),
+        missing=tuple(name for name in forward.outcomes if name not in likelihood.channels and len(conditions.slip)),
         readings=int(np.maximum(each - latent, 0).sum()),
     )  # fmt: skip
 
@@ -359,11 +374,14 @@ def ranks(posterior: Whole, x: FloatArray, channels: Sequence[str]) -> Ranks:
     soil, parts = soil_columns(posterior), []
     groups = zip(posterior.groups.values(), posterior.places, posterior.values_of_groups(x), strict=True)
     for (own, at, values), read in zip(groups, read_where(posterior, channels), strict=True):
+        if not own.driven:
+            continue
         slopes = sensitivities(own, values).of(tuple(channels))
         whole = np.zeros((*slopes.values.shape, x.shape[1]))
         whole[..., at] = slopes.by_parameter
         by_x = np.where(read[..., None], whole[..., soil] * x[:, soil].std(axis=0), 0.0)
         parts.append((by_x, np.where(read, slopes.by_load * own.likelihood.forward.given[:, None], 0.0)))
+    parts += _by_tests(posterior, x, soil, parts[0][1].shape[2] if parts else 1)
     by_x, by_load = (np.concatenate(each, axis=1) for each in zip(*parts, strict=True))
     rows = _lengths(np.concatenate([by_x, by_load[..., None]], axis=3), axis=3)
     by_x, by_load = by_x / rows[..., None], by_load / rows
@@ -372,6 +390,16 @@ def ranks(posterior: Whole, x: FloatArray, channels: Sequence[str]) -> Ranks:
     seen = seen.reshape(len(x), by_load[0].size, len(soil))
     answered = np.isfinite(seen).all(axis=(1, 2))
     return Ranks(seen[answered], lengths[answered])
+
+
+def _by_tests(posterior: Whole, x: FloatArray, soil: list[int], k: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Slopes of the readings of soil tests as of rows with ``k`` channels, of which they read the first."""
+    for own, at, values in zip(posterior.groups.values(), posterior.places, posterior.values_of_groups(x), strict=True):
+        for experiment in own.experiments:
+            slopes = experiment.slopes(values)
+            whole = np.zeros((*slopes.shape[:2], k, x.shape[1]))
+            whole[:, :, 0, at] = slopes
+            yield whole[..., soil] * x[:, soil].std(axis=0), np.zeros(whole.shape[:3])
 
 
 def soil_columns(posterior: Whole) -> list[int]:

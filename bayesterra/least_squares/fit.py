@@ -29,7 +29,7 @@ from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1
 from bayesterra.models.decoupled import MARGIN
 from bayesterra.parameters import CHANNELS, OFFSET, OUTCOMES, PARAMETERS, SOIL_PARAMETERS
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, without_wheels
 
 
 def fit(
@@ -67,6 +67,7 @@ def fit(
     SupportError : joint finds no start value for which the model has an answer.
     """
     check_kind("bt.fit", study, Study)
+    without_wheels(study, "fit")
     study = study.with_rows(study.observations.numbers())  # a limit has no residual
     overrides = Overrides(hold, start, lower, upper, delta)
     methods = _known_methods(study) if methods is None else methods

@@ -124,7 +124,7 @@ class Forward:
         if self.drive.latent_load:  # it is what the normal force reads
             force = np.where(np.isnan(values[:, :, SINKAGE]), np.nan, self.given)
             values = np.insert(values, self.outcomes.index("normal_force"), force, axis=2)
-        outcomes = Outcomes(self.outcomes, values, np.max(status, axis=1).astype(np.int64))
+        outcomes = Outcomes(self.outcomes, values, np.max(status, axis=1, initial=0).astype(np.int64))
         if not self.drive.by_sinkage and self.as_read:
             outcomes.add("sinkage", offset_of(soil))
         return outcomes

@@ -294,6 +294,10 @@ class JointPosterior:
             prior[alive[np.isneginf(alone.log_prior(self.of_group(D[alive], own[alive])))]] = -np.inf
         return np.where(np.isfinite(prior), prior, -np.inf)
 
+    def log_before(self, x: FloatArray) -> FloatArray:
+        """Log prior (n,): there are no soil tests beside groups."""
+        return self.log_prior(x)
+
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
         x = checked_sets(x, self.names)

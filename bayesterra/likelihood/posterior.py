@@ -13,10 +13,11 @@ from numpy.random import Generator
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError, check_kind
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
+from bayesterra.likelihood.experiments import Experiment
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, soil_at
 from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.models import Status
-from bayesterra.parameters import NOISE_PREFIX, SIZES, SoilColumns
+from bayesterra.parameters import NOISE_PREFIX, WHEEL_SIZES, SoilColumns
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
@@ -68,10 +69,21 @@ class Posterior:
     Parameters are in physical units (SI, radians), one column per entry of :attr:`names`. The density holds
     every constant of prior and likelihood; the prior is the stated law, set to zero outside the physical
     support and not renormalised (:func:`draw_cut_prior` counts what the cut takes).
+
+    Attributes
+    ----------
+    likelihood : of the rows of wheels.
+    experiments : soil tests, whose log likelihoods add to it.
     """
 
     prior: Prior
     likelihood: Likelihood
+    experiments: tuple[Experiment, ...] = ()
+
+    @property
+    def driven(self) -> bool:
+        """Whether there are rows of a wheel; else ``likelihood`` is about nothing."""
+        return bool(len(self.likelihood.observations))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -107,7 +119,7 @@ class Posterior:
 
     @cached_property
     def _noise_columns(self) -> list[int]:
-        return [i for i, name in enumerate(self.names) if name.startswith(SIZES)]
+        return [i for i, name in enumerate(self.names) if name.startswith(WHEEL_SIZES)]
 
     def noise_values(self, x: FloatArray, channels: tuple[str, ...] | None = None) -> FloatArray:
         """Estimated standard deviations (n, k) among parameter sets ``x`` (n, d), of some channels or all."""
@@ -177,6 +189,25 @@ class Posterior:
         safe = np.where(finite[:, None], x, 0.0)
         return np.where(finite & self._physical(safe), self.prior.log_density(safe), -np.inf)
 
+    def _log_likelihood(self, x: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of sets (n, d) inside the physical ranges: of wheels and of soil tests."""
+        if self.driven:
+            driven = self.likelihood.log_likelihood(self.prior.soil_values(x), self.noise_values(x))
+            return driven + self.log_tests(x) if self.experiments else driven
+        return self.log_tests(x)
+
+    def log_tests(self, x: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of all soil tests at sets (n, d) inside the physical ranges."""
+        return np.asarray(sum((each.log_likelihood(x) for each in self.experiments), np.zeros(len(x))))
+
+    def log_before(self, x: FloatArray) -> FloatArray:
+        """Log prior (n,) and what soil tests say: all but the readings of wheels; −inf outside the support."""
+        prior = self.log_prior(x)
+        if self.experiments:
+            inside = np.flatnonzero(prior > -np.inf)
+            prior[inside] += self.log_tests(np.atleast_2d(x)[inside])
+        return prior
+
     def log_prior_and_likelihood(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior and log likelihood, each (n,), both −inf outside the support."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
@@ -184,9 +215,7 @@ class Posterior:
         candidates = np.flatnonzero(prior > -np.inf)
         if candidates.size:
             inside = x[candidates]
-            likelihood[candidates] = self.likelihood.log_likelihood(
-                self.prior.soil_values(inside), self.noise_values(inside)
-            )
+            likelihood[candidates] = self._log_likelihood(inside)
         if np.isnan(likelihood).any() or np.isnan(prior).any():
             worst = x[np.isnan(likelihood) | np.isnan(prior)][0]
             raise FloatingPointError(f"log density is NaN at {dict(zip(self.names, worst, strict=True))}")
@@ -208,14 +237,19 @@ class Posterior:
         reasons = np.where(np.isneginf(self.prior.log_density(x)), OUTSIDE_PRIOR, INSIDE)
         reasons[(reasons == INSIDE) & ~self._physical(x)] = OUTSIDE_PHYSICS
         candidates = np.flatnonzero(reasons == INSIDE)
-        if candidates.size:
+        if candidates.size and self.driven:
             reasons[candidates] = self.likelihood.status(self.prior.soil_values(x[candidates]))
         return reasons
 
     def _physical(self, x: FloatArray) -> BoolArray:
+        tested = np.ones(len(x), dtype=np.bool_)
+        for experiment in self.experiments:
+            tested &= experiment.physical(x)
+        if not self.driven and self.experiments:
+            return tested
         soil = self.prior.soil_values(x)
         K, c, phi = soil[:, SoilColumns.K], soil[:, SoilColumns.c], soil[:, SoilColumns.phi]
-        inside = (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
+        inside = tested & (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
         for width in np.unique(self.likelihood.forward.conditions.width):
             inside &= soil_at(soil, float(width))[:, SoilColumns.Ks] > 0
         return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
@@ -293,7 +327,8 @@ def posterior(study: Study) -> Posterior:
     StudyError : no study is given.
     """
     check_kind("bt.posterior", study, Study)
-    return Posterior(study.prior, likelihood_of(study, study.observations.used()))
+    experiments = tuple(Experiment(test, study.prior) for test in study.soil_tests.values())
+    return Posterior(study.prior, likelihood_of(study, study.observations.used()), experiments)
 
 
 def likelihood_of(study: Study, rows: Observations) -> Likelihood:

@@ -23,7 +23,7 @@ covariance K, and carry
 
     ∇μᵀ K⁻¹ ∇μ + ½ tr(K⁻¹ ∂K K⁻¹ ∂K),
 
-so what a discrepancy can imitate is not counted as known.
+so what a discrepancy can imitate is not counted as known. So do the log readings of each soil test.
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ def read_where(posterior: Whole, channels: Sequence[str] | None = None) -> list[
     for own in posterior.groups.values():
         measured, none = own.likelihood.observations.values, np.full(len(own.likelihood.observations), np.nan)
         columns = [measured.get(name, none) for name in channels or own.likelihood.channels]
-        masks.append(~np.isnan(np.column_stack(columns)))
+        masks.append(~np.isnan(np.column_stack(columns)) if columns else np.empty((0, 0), dtype=np.bool_))
     return [np.asarray(mask | ~np.concatenate(masks).any(axis=0)) for mask in masks]
 
 
@@ -186,9 +186,13 @@ def weighted_sensitivities(posterior: Whole, x: FloatArray) -> FloatArray:
     x, parts = np.atleast_2d(np.asarray(x, dtype=np.float64)), []
     groups = zip(posterior.groups.values(), posterior.places, posterior.values_of_groups(x), strict=True)
     for (own, at, values), read in zip(groups, read_where(posterior), strict=True):
-        weighted = _weighted(own, values, Scaled.of(own, values), read)[1]
-        parts.append(np.zeros((*weighted.shape[:2], x.shape[1])))
-        parts[-1][:, :, at] = weighted
+        each = [_weighted(own, values, Scaled.of(own, values), read)[1]] if own.driven else []
+        for experiment in own.experiments:
+            _, white, scatter = experiment.score(values)
+            each += [white, _root(scatter)]
+        for weighted in each:
+            parts.append(np.zeros((*weighted.shape[:2], x.shape[1])))
+            parts[-1][:, :, at] = weighted
     return np.concatenate(parts, axis=1)
 
 
@@ -199,10 +203,16 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     answer in a row that is read. With drive ``both`` exact for a model that is linear over the spread of the
     load given its readings; see the head of the module.
     """
-    scaled = Scaled.of(posterior, x)
-    joint, weighted = _weighted(posterior, x, scaled, read_where(posterior)[0])
-    gradient = _gradient(posterior, x, scaled) if joint is None else joint
-    return gradient, np.asarray(weighted.transpose(0, 2, 1) @ weighted)
+    gradient, information = np.zeros(x.shape), np.zeros((*x.shape, x.shape[1]))
+    if posterior.driven:
+        scaled = Scaled.of(posterior, x)
+        joint, weighted = _weighted(posterior, x, scaled, read_where(posterior)[0])
+        gradient = _gradient(posterior, x, scaled) if joint is None else joint
+        information = np.asarray(weighted.transpose(0, 2, 1) @ weighted)
+    for experiment in posterior.experiments:
+        slope, white, scatter = experiment.score(x)
+        gradient, information = gradient + slope, information + white.transpose(0, 2, 1) @ white + scatter
+    return gradient, information
 
 
 def _gradient(posterior: Posterior, x: FloatArray, scaled: Scaled) -> FloatArray:

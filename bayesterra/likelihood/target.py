@@ -16,9 +16,10 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
-from bayesterra.parameters import MODULI, NOISE_PREFIX
+from bayesterra.parameters import MODULI, NOISE_PREFIX, TEST_SIZES, whole_and_part
 from bayesterra.stats.laws import Law
 from bayesterra.stats.optimiser import Local
+from bayesterra.study.priors import Prior
 
 LATENT_STEP = 0.03
 """Step of differences, in standard deviations; the latent likelihood is known to 1e-3 only."""
@@ -79,7 +80,7 @@ class Target:
         else:
             slope = -score * stretch
         if self.with_prior:
-            first, second = self._prior(y)
+            first, second = self._stretched_prior(y) if self.posterior.prior.stretched else self._prior(y)
             slope = slope - first
             if self.posterior.prior.correlated:
                 bent, joint = self._dependence(y)
@@ -133,6 +134,19 @@ class Target:
             second[:, i] = (above - 2 * here + below) / PRIOR_STEP**2
         first += second * (y - middle)
         return np.nan_to_num(first), np.nan_to_num(second)
+
+    def _stretched_prior(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same where laws of moduli are stated at a sinkage, so that the prior of n is in them."""
+        first, second = np.zeros_like(y), np.zeros_like(y)
+        middle, density = np.clip(y, PRIOR_STEP, 1 - PRIOR_STEP), self.posterior.prior.log_density
+        here = density(self.chart.to_physical(middle))
+        with np.errstate(invalid="ignore"):  # at the edge of a law there is no slope
+            for i, step in enumerate(PRIOR_STEP * np.eye(y.shape[1])):
+                above, below = (density(self.chart.to_physical(middle + sign * step)) for sign in (1, -1))
+                first[:, i] = (above - below) / (2 * PRIOR_STEP)
+                second[:, i] = (above - 2 * here + below) / PRIOR_STEP**2
+        lost = ~np.isfinite(first) | ~np.isfinite(second)
+        return np.where(lost, 0.0, first), np.where(lost, 0.0, second)
 
     def _dependence(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Slope (n, d) that dependence adds to the log prior's, and the whole curvature (n, d, d).
@@ -214,8 +228,8 @@ class Chart:
 def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
     """The chart of a posterior's free parameters; it reaches as far as the points ``holding`` (n, d) do."""
     prior, names = posterior.prior, posterior.names
-    ends = np.array([_ends(name, law) for name, law in prior.laws.items()]).reshape(-1, 2)
-    positive = [name in ("Ks", "K") or name.startswith(NOISE_PREFIX) for name in names]
+    ends = np.array([_ends(name, law, prior) for name, law in prior.laws.items()]).reshape(-1, 2)
+    positive = [whole_and_part(n)[0] in ("Ks", "K") or n.startswith((NOISE_PREFIX, *TEST_SIZES)) for n in names]
     logs = np.array(positive, dtype=np.bool_) & (ends[:, 1] > 0)
     ends[:, 0] = np.where(logs, np.maximum(ends[:, 0], SMALLEST * ends[:, 1]), ends[:, 0])
     if holding is not None:
@@ -240,16 +254,20 @@ def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
     return Chart(logs, ends, low, width, np.array(rows) / sizes[:, None], np.array(limits) / sizes)
 
 
-def _ends(name: str, law: Law) -> tuple[float, float]:
+def _ends(name: str, law: Law, prior: Prior) -> tuple[float, float]:
     """Ends of the range of a law, inside the physical range of the parameter."""
     low, high = law.range
     if not np.isfinite(low):
         low = float(law.quantile(np.array(TAIL)))
     if not np.isfinite(high):
         high = float(law.upper_quantile(np.array(TAIL)))
-    if name in ("c", "phi"):
+    base = whole_and_part(name)[0]
+    if base in ("c", "phi"):
         low = max(low, 0.0)
-    return (low, min(high, np.pi / 2 - MARGIN)) if name == "phi" else (low, high)
+    if prior.stretched and name in MODULI:  # over the range of n
+        stretches = prior.reference ** -np.array(prior.laws[prior.exponent].range)
+        return float((low * stretches).min()), float((high * stretches).max())
+    return (low, min(high, np.pi / 2 - MARGIN)) if base == "phi" else (low, high)
 
 
 EDGE = 1e-6
@@ -264,8 +282,8 @@ def edges(posterior: Posterior, x: FloatArray) -> dict[str, str]:
     values = {**posterior.prior.fixed, **dict(zip(posterior.names, map(float, x), strict=True))}
     found = {}
     for name, law in posterior.prior.laws.items():
-        for end, word in zip(_ends(name, law), ("lower bound", "upper bound"), strict=True):
-            if end in law.range and abs(values[name] - end) < EDGE * float(np.ptp(_ends(name, law))):
+        for end, word in zip(_ends(name, law, posterior.prior), ("lower bound", "upper bound"), strict=True):
+            if end in law.range and abs(values[name] - end) < EDGE * float(np.ptp(_ends(name, law, posterior.prior))):
                 found[name] = word
     for weights, lowest in _physical(posterior):
         roots = {name: posterior.prior.root(name) for name in weights}
@@ -281,6 +299,12 @@ def edges(posterior: Posterior, x: FloatArray) -> dict[str, str]:
 
 def _physical(posterior: Posterior) -> Iterator[tuple[Mapping[str, float], float]]:
     """Weighted sums of soil parameters, and what each must not be below."""
+    for experiment in posterior.experiments:
+        if experiment.readings.kind == "plate":
+            for radius in np.unique(experiment.readings.levels)[[0, -1]]:
+                yield dict(zip(experiment.test.soil, (1.0 / radius, 1.0), strict=False)), 0.0
+    if not posterior.driven:
+        return
     forward = posterior.likelihood.forward
     inputs = forward.model.kernel_inputs(np.zeros((1, len(forward.model.parameters))), forward.conditions)[1]
     for s in {inputs[:, 0].min(), inputs[:, 0].max()}:

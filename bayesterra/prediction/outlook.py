@@ -43,7 +43,7 @@ from bayesterra.prediction.prediction import (
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.result import AnalysisResult, Result
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, without_wheels
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import measured_loads, prior_phi, resolved
 
@@ -374,6 +374,7 @@ def predict_rover(
     StudyError : a file that describes no rover, or a slope or tow force outside its range.
     """
     check_kind("bt.predict_rover", result, Result)
+    without_wheels(result.study, "predict")
     dimensions = {**GREATEST, **{name: CHANNELS[name].dimension for name, _, _ in QUANTITIES.values()}}
     conditions = tuple(Condition.read(text, dimensions) for text in probabilities)
     if not isinstance(rover, Rover):

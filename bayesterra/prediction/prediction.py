@@ -28,7 +28,7 @@ from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
 from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, without_wheels
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, driven_range, measured_loads
 
@@ -374,6 +374,7 @@ def predict(
     StudyError : a slip or load outside the model's range, or an unknown wheel or group.
     """
     check_kind("bt.predict", result, Result)
+    without_wheels(result.study, "predict")
     check_seed(seed)
     called, driven = chosen_wheel(result.study, wheel, name)
     result = result.of_group(group, wheel=called, seed=seed)
@@ -488,6 +489,7 @@ def forecast(
     slip_reference : radius behind ``slips``: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
     probabilities : conditions whose probability is asked for, such as ``drawbar_pull > 20 N``.
     """
+    without_wheels(result.study, "predict")
     dimensions = {name: channel.dimension for name, channel in PREDICTED.items()}
     conditions = tuple(Condition.read(text, dimensions) for text in probabilities)
     cases: list[Case] = []

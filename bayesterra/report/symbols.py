@@ -17,6 +17,11 @@ _PLAIN = re.compile(
 )
 
 
+def quantity_of(name: str) -> Channel:
+    """A parameter, also of a group or soil test, a channel or a derived quantity."""
+    return QUANTITIES.get(name) or PARAMETERS[name]
+
+
 def symbol(name: str) -> Markup:
     """The symbol of a parameter, channel or derived quantity.
 

@@ -63,6 +63,10 @@ class AdaptationOptions:
     shores: int = 40
 
 
+OF_SOIL_TESTS = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), shores=12)
+"""Size for soil tests without wheels, whose posteriors are simple in their coordinates."""
+
+
 @dataclass(frozen=True)
 class Adaptation:
     """Result of the adaptation.

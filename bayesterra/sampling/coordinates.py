@@ -4,6 +4,7 @@ A wheel feels the stress under it, not the parameters of the stress. So the samp
 
 ====================  =======================================================================================
 K_s, n0, n1           normal score of K_s under its prior; log of the stress under the wheel at two slips
+k_c, k_φ, n of plates log of the pressure under the smallest and the largest at a typical sinkage; n
 k_c, k_φ              normal score of k_c under its prior; log of K_s = k_c/b + k_φ in the place of K_s
 c1, c2                probit of θm/θ1, counted from θ2/θ1, at the lowest and the highest slip
 c, φ, K               log of the shear stress mobilised at a typical displacement; probit of its frictional
@@ -26,9 +27,10 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.experiments import Experiment
 from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.parameters import NOISE_PREFIX
+from bayesterra.parameters import NOISE_PREFIX, TEST_SIZES, whole_and_part
 from bayesterra.stats.laws import Law
 
 USUAL_STRESS = 5e3
@@ -192,27 +194,79 @@ class Moduli:
 
     Attributes
     ----------
-    score : of k_c.
+    score : of k_c, or of k_c z^n0 where its law is stated at a sinkage.
     width : wheel width b, m.
-    inner : block of K_s and the others.
+    inner : block of K_s, n0 and the others.
+    reference : that sinkage z, m; at 1 m the law is that of k_c.
     """
 
     score: NormalScore
     width: float
     inner: Block
+    reference: float = 1.0
 
     def from_physical(self, x: FloatArray) -> FloatArray:
         """See :class:`Block`."""
-        Ks = x[:, :1] / self.width + x[:, 1:2]
+        Ks, stated = x[:, :1] / self.width + x[:, 1:2], x[:, :1]
+        if self.reference != 1.0:
+            stated = stated * self.reference ** x[:, 2:3]
         return np.column_stack(
-            [self.score.from_physical(x[:, :1]), self.inner.from_physical(np.column_stack([Ks, x[:, 2:]]))]
+            [self.score.from_physical(stated), self.inner.from_physical(np.column_stack([Ks, x[:, 2:]]))]
         )
 
     def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`Block`."""
         kc, cohesive_term = self.score.to_physical(u[:, :1])
         others, inner_term = self.inner.to_physical(u[:, 1:])
+        if self.reference != 1.0:
+            kc, inner_term = kc * self.reference ** -others[:, 1:2], inner_term - others[:, 1] * np.log(self.reference)
         return np.column_stack([kc, others[:, :1] - kc / self.width, others[:, 1:]]), cohesive_term + inner_term
+
+
+@dataclass(frozen=True)
+class Plates:
+    """k_c, k_φ and n as logs of the pressure under two plates at a typical sinkage, and n.
+
+    With plates of one radius there is one such pressure, and the normal score of k_c in place of the other.
+
+    Attributes
+    ----------
+    radii : smallest and largest plate radius, m.
+    sinkage : typical sinkage, m.
+    score : of k_c z^n at the sinkage where its law is stated ...
+    reference : which is this, m.
+    """
+
+    radii: tuple[float, float]
+    sinkage: float
+    score: NormalScore
+    reference: float = 1.0
+
+    @property
+    def _single(self) -> bool:
+        return self.radii[0] == self.radii[1]
+
+    def from_physical(self, x: FloatArray) -> FloatArray:
+        """See :class:`Block`."""
+        n = x[:, 2:]
+        pressures = np.log(x[:, :1] / np.array(self.radii) + x[:, 1:2]) + n * np.log(self.sinkage)
+        first = self.score.from_physical(x[:, :1] * self.reference**n) if self._single else pressures[:, :1]
+        return np.column_stack([first, pressures[:, 1:], n])
+
+    def to_physical(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See :class:`Block`."""
+        n = u[:, 2:]
+        small, large = self.radii
+        last = np.exp(u[:, 1:2] - n * np.log(self.sinkage))
+        if self._single:
+            stated, term = self.score.to_physical(u[:, :1])
+            kc = stated * self.reference**-n
+            stretched = np.log(last[:, 0]) - n[:, 0] * np.log(self.reference)
+            return np.column_stack([kc, last - kc / large, n]), term + stretched
+        first = np.exp(u[:, :1] - n * np.log(self.sinkage))
+        kc = (first - last) / (1.0 / small - 1.0 / large)
+        jacobian = np.log(first[:, 0]) + np.log(last[:, 0]) - np.log(1.0 / small - 1.0 / large)
+        return np.column_stack([kc, last - kc / large, n]), jacobian
 
 
 @dataclass(frozen=True)
@@ -289,12 +343,32 @@ def coordinates(posterior: Whole) -> Coordinates:
     are all parameters of several groups, of which each has its own typical rows.
     """
     if not posterior.grouped:
-        return _of_rows(posterior)
+        names, laws = posterior.names, posterior.prior.laws
+        choices = _of_rows(posterior) if posterior.driven else []
+        for experiment in posterior.experiments:
+            choices += _of_tests(experiment, {name for group, _ in choices for name in group})
+        taken = {name for group, _ in choices for name in group}
+        choices += [((name,), _alone(name, laws[name])) for name in names if name not in taken]
+        return Coordinates(tuple((tuple(map(names.index, group)), block) for group, block in choices))
     return Coordinates(tuple(((i,), NormalScore(law)) for i, law in enumerate(posterior.prior.laws.values())))
 
 
-def _of_rows(posterior: Posterior) -> Coordinates:
-    """The map for a study without groups."""
+def _of_tests(experiment: Experiment, taken: set[str]) -> list[tuple[tuple[str, ...], Block]]:
+    """The map of what a series of soil tests reads, where that is free and in no other block."""
+    prior, readings, soil = experiment.prior, experiment.readings, experiment.test.soil
+    free = tuple(name for name in soil if name in prior.laws and name not in taken and not prior.laws[name].crowded)
+    typical = float(np.exp(np.median(np.log(readings.path))))
+    if readings.kind == "plate" and free == soil:
+        radii = float(readings.levels.min()), float(readings.levels.max())
+        reference = prior.reference if "kc" in soil else 1.0
+        return [(soil, Plates(radii, typical, NormalScore(prior.laws[soil[0]]), reference))]
+    if readings.kind == "shear" and set(soil[:2]) <= set(free):
+        return [(free, Strength(float(np.median(readings.levels)), typical))]
+    return []
+
+
+def _of_rows(posterior: Posterior) -> list[tuple[tuple[str, ...], Block]]:
+    """The map for what the rows of wheels read."""
     names, laws, fixed = posterior.names, posterior.prior.laws, posterior.prior.fixed
     rows, alone = _Typical.of(posterior), {name for name, law in laws.items() if law.crowded}
     loose = [name for name in names if name not in alone]
@@ -311,20 +385,18 @@ def _of_rows(posterior: Posterior) -> Coordinates:
         block: Block = Contact(stress, Angles(rows.slips, fixed["c3"])) if angles else Bearing(stress)
         if stiffness == "kphi":
             bearing = ("kc", *bearing)
-            block = Moduli(NormalScore(laws["kc"]), posterior.prior.width, block)
+            block = Moduli(NormalScore(laws["kc"]), posterior.prior.width, block, posterior.prior.reference)
         choices.append((bearing + angles, block))
     elif angles:
         choices.append((angles, Angles(rows.slips, fixed["c3"])))
     if shear:
         choices.append((shear, Strength(rows.stress, rows.displacement)))
-    taken = {name for group, _ in choices for name in group}
-    choices += [((name,), _alone(name, laws[name])) for name in names if name not in taken]
-    return Coordinates(tuple((tuple(map(names.index, group)), block) for group, block in choices))
+    return choices
 
 
 def _alone(name: str, law: Law) -> Block:
     """The map of a parameter that forms no block with others."""
-    scale = name == "K" or name.startswith(NOISE_PREFIX)
+    scale = whole_and_part(name)[0] == "K" or name.startswith((NOISE_PREFIX, *TEST_SIZES))
     return Logarithm() if scale and not law.crowded else NormalScore(law)
 
 

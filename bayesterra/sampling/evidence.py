@@ -101,7 +101,7 @@ class PosteriorProposal:
         """Draw ``n`` sets from a proposal and keep those inside the prior's range."""
         u = mixture.sample(n, rng)
         x, log_jacobian = self.coordinates.to_physical(u)
-        log_prior = self.posterior.log_prior(x)
+        log_prior = self.posterior.log_before(x)
         inside = np.flatnonzero(np.isfinite(log_prior) & np.isfinite(log_jacobian))
         base = log_prior[inside] + log_jacobian[inside] - mixture.log_density(u[inside])
         return Proposed(u[inside], x[inside], base, n)

@@ -48,7 +48,9 @@ def summary_table(
     """
     rows = parameter_rows([PARAMETERS[name] for name in posterior.names], chains, prior, mode, diagnosis)
     derived = failures.attempt(
-        "derived", lambda: _derived_rows(study, posterior, chains, prior, mode), list[dict[str, Any]]
+        "derived",
+        lambda: _derived_rows(study, posterior, chains, prior, mode) if study.wheels else [],
+        list[dict[str, Any]],
     )
     table, at = pd.DataFrame(rows + derived), edges(posterior, mode)
     return table.assign(mode_at=[at.get(name, INSIDE) for name in table["parameter"]])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
-from bayesterra.errors import StudyError, errors_after
+from bayesterra.errors import StudyError, errors_after, known
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
 from bayesterra.parameters import (
     CHANNELS,
@@ -20,6 +20,7 @@ from bayesterra.parameters import (
     PARAMETERS,
     PRIOR_PARAMETERS,
     SOIL_PARAMETERS,
+    of_soil_tests,
 )
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
@@ -30,6 +31,7 @@ from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, sifted
 from bayesterra.study.priors import Entry, Prior, Tie
 from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
+from bayesterra.study.soil_tests import EXAMPLES, SoilTest, check_above
 
 if TYPE_CHECKING:
     from bayesterra.study.previous import PosteriorPrior
@@ -58,6 +60,7 @@ class StatedSoil:
     correlation, mixtures : of normal scores, by pair and by parameters.
     taken : joint laws from earlier results, whose single laws stand among the entries.
     notes : what was filled in, and what to keep in mind.
+    reference, exponent : sinkage (m) and exponent with which laws of the moduli are stated, as of ``Prior``.
     """
 
     entries: SoilPrior
@@ -65,9 +68,11 @@ class StatedSoil:
     mixtures: Mapping[str, MixtureCopula]
     taken: tuple[PosteriorPrior, ...]
     notes: tuple[str, ...]
+    reference: float = 1.0
+    exponent: str = "n"
 
 
-def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> StatedSoil:
+def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool, wheels: bool = True) -> StatedSoil:
     """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
 
     Parameters
@@ -75,6 +80,7 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> 
     stated : the [priors] table.
     model : with M2L, the load effect has priors too, and c1, c2, c3 are held unless they are given.
     constant_exponent : N = n0, so n1 is held at 0.
+    wheels : whether there is a wheel; without one nothing is filled in.
 
     Raises
     ------
@@ -95,6 +101,8 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool) -> 
         _add(mixtures, joint, "mixture of '{}' is given and taken from {}", prior.label)
         pairs = prior.correlation if prior.mixture is None else {}
         _add(correlation, pairs, "correlation of '{}' is given and taken from {}", prior.label)
+    if not wheels:
+        return StatedSoil(entries, correlation, mixtures, earlier, tuple(notes))
     effects, held = _load_effect(entries, model)
     notes += held
     stiffness = _stiffness(entries)
@@ -183,12 +191,49 @@ def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
     return MODULI
 
 
+def with_soil_tests(
+    soil: StatedSoil, stated: StatedPriors, tests: Mapping[str, SoilTest], *, wheels: bool
+) -> StatedSoil:
+    """The prior with the scatter of soil tests, checked to hold all that these read and nothing idle.
+
+    Raises
+    ------
+    StudyError : a parameter of a test has no prior, or one is read by nothing; laws of moduli are stated at a
+        sinkage whose exponent is not that of the plates, or of the wheel.
+    """
+    read = {name: own for test in tests.values() for own, name in test.names.items() if name not in test.scatter}
+    for name, own in read.items():
+        if name not in soil.entries:
+            raise StudyError(f"[priors] needs '{name}', e.g. {_toml_key(name)} = {EXAMPLES[own]}")
+        if own == "K":
+            check_above(f"[priors] '{name}'", soil.entries[name])
+    goals = {entry.to for entry in soil.entries.values() if isinstance(entry, Tie)}
+    for name in soil.entries:
+        if name not in (*read, *goals) and (not wheels or of_soil_tests(name)):
+            known("parameter", name, read, "[priors] no wheel or soil test of this study reads it: ")
+    scatter = {name: entry for test in tests.values() for name, entry in test.scatter.items()}
+    exponents = [test.names["n"] for test in tests.values() if test.kind == "plate"]
+    if stated.reference == 1.0:
+        return replace(soil, entries={**soil.entries, **scatter})
+    named = (*MODULI, *exponents[:1])
+    if not exponents or any(not isinstance(soil.entries.get(name), Law) or name not in read for name in named):
+        raise StudyError("[priors] 'reference_sinkage' goes with plate tests whose kc, kphi and n all have laws")
+    if wheels and exponents[0] != "n0":
+        raise StudyError("[priors] 'reference_sinkage' with wheels needs 'tie = { n = \"n0\" }' in [soil_tests]")
+    return replace(soil, entries={**soil.entries, **scatter}, reference=stated.reference, exponent=exponents[0])
+
+
+def _toml_key(name: str) -> str:
+    return f'"{name}"' if "." in name else name
+
+
 def full_prior(soil: StatedSoil, noise: Mapping[str, Noise], errors: ModelErrors, wheels: Mapping[str, Wheel]) -> Prior:
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
-    entries, width = {**soil.entries, **estimated, **errors.laws}, next(iter(wheels.values())).width
+    entries, width = {**soil.entries, **estimated, **errors.laws}, next((w.width for w in wheels.values()), np.nan)
+    rest = (soil.correlation, soil.mixtures, soil.reference, soil.exponent, bool(wheels))
     with errors_after("[priors] "):
-        return Prior(entries, width, soil.correlation, soil.mixtures)
+        return Prior(entries, width, *rest)
 
 
 def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], chosen: str | None) -> None:

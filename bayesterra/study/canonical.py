@@ -18,11 +18,11 @@ import pandas as pd
 
 from bayesterra import models
 from bayesterra.models import M2L, Wheel
-from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS, in_order, of_soil_tests
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.stats.laws import Law
-from bayesterra.stats.quantile_law import QuantileLaw
+from bayesterra.study.entries import law_entry
 from bayesterra.study.groups import Pooling
 from bayesterra.study.model_errors import Discrepancy, Ripple, Size
 from bayesterra.study.noise import Noise
@@ -54,7 +54,15 @@ def write_study(study: Study, folder: Path) -> None:
     head = {"title": study.title, "soil": study.soil, "date": study.date}
     text = _file(head, (study.kind, study.source), tables(study), references)
     write_text(folder / "study.toml", text)
-    write_text(folder / "measurements.csv", csv_text(_rows(study.observations)))
+    if study.wheels:
+        write_text(folder / "measurements.csv", csv_text(_rows(study.observations)))
+    write_readings(study, folder)
+
+
+def write_readings(study: Study, folder: Path) -> None:
+    """Write the readings of the soil tests of a study, each series into its file."""
+    for test in study.soil_tests.values():
+        write_text(folder / test.file, csv_text(test.table))
 
 
 def tables(study: Study) -> dict[str, Any]:
@@ -64,7 +72,9 @@ def tables(study: Study) -> dict[str, Any]:
     """
     loads = study.load_range and [text(load, "N") for load in study.load_range]
     entries, errors = study.prior.entries, study.errors
-    priors = {name: _prior(name, entries[name]) for name in PRIOR_PARAMETERS if name in entries}
+    priors: dict[str, object] = {"reference_sinkage": text(study.prior.reference, "m")} if study.prior.stretched else {}
+    named = [name for name in PRIOR_PARAMETERS if name in entries]
+    priors |= {name: _prior(name, entries[name]) for name in (*named, *filter(of_soil_tests, in_order(entries)))}
     content: dict[str, Any] = {
         "model": study.model.name,
         "drive": str(study.drive),
@@ -79,10 +89,12 @@ def tables(study: Study) -> dict[str, Any]:
         "priors.correlation": dict(study.prior.correlation),
         "priors.mixture": {key: asdict(mixture) for key, mixture in study.prior.mixtures.items()},
         "pooling": study.pooling and _pooling(study.pooling),
+        "soil_tests": {name: test.canonical() for name, test in study.soil_tests.items()},
         "least_squares": _least_squares(study),
         "sampling": asdict(study.sampling),
     }
-    return {name: value for name, value in content.items() if value}
+    idle = () if study.wheels else ("model", "drive", "model_options")
+    return {name: value for name, value in content.items() if value and name not in idle}
 
 
 FORM = 2
@@ -101,6 +113,8 @@ def fingerprint(study: Study) -> dict[str, str]:
     if study.observations.limits:
         rows["limits"] = study.observations.limits
     rows |= {name: list(column) for name, column in study.observations.labels.items()}
+    if study.soil_tests:
+        rows["soil_tests"] = {name: vars(test.readings) for name, test in study.soil_tests.items()}
     return {"study": _digest(content), "data": _digest(rows)}
 
 
@@ -138,11 +152,12 @@ def _file(
     keys = {name: value for name, value in content.items() if not isinstance(value, Mapping)}
     split = {
         name: {f"{name}.{_key(key)}": value for key, value in content.get(name, {}).items()}
-        for name in ("wheels", "priors.mixture")
+        for name in ("wheels", "priors.mixture", "soil_tests")
     }
     apart = {*keys, *split, "sampling"}
     named = {name: value for name, value in content.items() if name not in apart} | split["priors.mixture"]
-    sections = {"data": data, **split["wheels"], **named, **references, "sampling": content["sampling"]}
+    wheels = {"data": data, **split["wheels"]} if split["wheels"] else {}
+    sections = {**wheels, **split["soil_tests"], **named, **references, "sampling": content["sampling"]}
     lines = [*assignments({**head, **keys})]
     for name, section in sections.items():
         lines += toml_table(name, section)
@@ -221,21 +236,6 @@ def _prior(name: str, entry: Entry) -> object:
     return law_entry(entry, PARAMETERS[name].dimension) if isinstance(entry, Law) else _value(name, entry)
 
 
-def law_entry(law: Law, dimension: str) -> dict[str, object]:
-    """A law as a table: location, scale and limits have the parameter's unit, shape arguments have none."""
-    numbers: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
-    rows: dict[str, object] = {}
-    if isinstance(law, QuantileLaw):
-        rows = {"scores": law.scores, "values": [text(value, dimension) for value in law.values]}
-    dimensional = ("loc", "scale", "lower", "upper")
-    values = {
-        key: text(value, dimension if key in dimensional else "")
-        for key, value in numbers.items()
-        if np.isfinite(value)
-    }
-    return {"dist": law.dist, **rows, **values, **({"source": law.source} if law.source else {})}
-
-
 def _value(name: str, value: float) -> object:
     return text(value, PARAMETERS[name].dimension)
 
@@ -278,6 +278,7 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
         **dict(_settings(_sourceless(tables(study)))),
         "{} rows of measurements": len(study.observations),
         **dict(_readings(study.observations)),
+        **{f"readings of soil test {name}": _digest(vars(test.readings)) for name, test in study.soil_tests.items()},
         "bayesterra": version("bayesterra"),
         "build of bayesterra": source_digest(),
         "Python": platform.python_version(),
@@ -309,9 +310,10 @@ _PHRASES = {
 
 def _settings(content: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for table, values in content.items():
-        if table == "wheels":
-            for name, wheel in values.items():
-                yield from ((f"{key} {{}} of wheel {name}", value) for key, value in wheel.items())
+        if table in ("wheels", "soil_tests"):
+            what = "wheel" if table == "wheels" else "soil test"
+            for name, each in values.items():
+                yield from ((f"{key} {{}} of {what} {name}", value) for key, value in each.items())
         elif isinstance(values, Mapping):
             phrase = _PHRASES.get(table, f"[{table}] {{}} {{{{}}}}")
             yield from ((phrase.format(key), value) for key, value in values.items())

@@ -16,14 +16,24 @@ import numpy as np
 from scipy import stats
 
 from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, errors_after, known, suggestion
-from bayesterra.parameters import CHANNELS, HELD, LOAD_EFFECT, OUTCOMES, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.parameters import (
+    CHANNELS,
+    HELD,
+    LOAD_EFFECT,
+    OFFSET,
+    OUTCOMES,
+    PARAMETERS,
+    PRIOR_PARAMETERS,
+    in_order,
+    of_soil_tests,
+)
 from bayesterra.runtime.reading import MEGABYTE, read_text
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Entry, Source, Tie
-from bayesterra.study.units import quantity
+from bayesterra.study.units import quantity, text
 
 _LIMITS = ("lower", "upper")
 _SHIFTS = ("loc", "scale")
@@ -31,7 +41,7 @@ _ROWS = ("scores", "values")
 _MIXTURE = ("weights", "means", "covariances")
 _TAKEN = ("result", "take", "widen")
 _NOISE_FORMS = '"1 mm", { fraction = 0.03, floor = "0.1 mm" } or { estimate = { dist = ... } }'
-_NAME = re.compile(r"[A-Za-z_]\w*")
+_NAME = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z][\w-]*)?")
 
 
 def table(value: object, name: str) -> dict[str, Any]:
@@ -52,12 +62,12 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
 
     Parameters
     ----------
-    name : one of ``PRIOR_PARAMETERS``.
+    name : one of ``PRIOR_PARAMETERS``, or of soil tests: ``n``, ``K.ring``.
     value : a table with ``dist``, a quantity, the name of another parameter, or a :class:`Law` as it is.
     bare : take numbers as SI values.
     """
-    if name not in PRIOR_PARAMETERS:
-        keys = ("set", "from", "correlation", "mixture", *PRIOR_PARAMETERS)
+    if name not in PRIOR_PARAMETERS and not of_soil_tests(name):
+        keys = ("set", "from", "correlation", "mixture", "reference_sinkage", *PRIOR_PARAMETERS)
         raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, keys)}")
     if isinstance(value, Law | Tie):
         return value
@@ -65,7 +75,7 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
         return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
     if isinstance(value, str) and _NAME.fullmatch(value.strip()):
         to = value.strip()
-        if to not in PRIOR_PARAMETERS:
+        if to not in PRIOR_PARAMETERS and not of_soil_tests(to):
             hint = did_you_mean(to, PRIOR_PARAMETERS)
             raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
         return Tie(to)
@@ -98,6 +108,21 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
         return Law(dist, values, **limits, source=source)
 
 
+def law_entry(law: Law, dimension: str) -> dict[str, object]:
+    """A law as a table: location, scale and limits have the parameter's unit, shape arguments have none."""
+    numbers: dict[str, float] = {**law.shape, "lower": law.lower, "upper": law.upper}
+    rows: dict[str, object] = {}
+    if isinstance(law, QuantileLaw):
+        rows = {"scores": law.scores, "values": [text(value, dimension) for value in law.values]}
+    dimensional = ("loc", "scale", "lower", "upper")
+    values = {
+        key: text(value, dimension if key in dimensional else "")
+        for key, value in numbers.items()
+        if np.isfinite(value)
+    }
+    return {"dist": law.dist, **rows, **values, **({"source": law.source} if law.source else {})}
+
+
 def _tabulated(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> QuantileLaw:
     """A law by the values at its normal scores."""
     source = _source(name, entry)
@@ -123,9 +148,31 @@ def _source(name: str, entry: dict[str, Any]) -> str:
     return checked_text(source, f"{name}.source")
 
 
+SCATTER = {"plate": ("scatter", "memory", "seating", OFFSET), "shear": ("scatter", "memory")}
+"""Parameters of how tests differ from the mean curve, by kind of test."""
+
+
+def scatter(value: object, *, bare: bool) -> dict[str, Law | float | bool]:
+    """How soil tests differ: a law or a fixed value by parameter, and whether readings are ``independent``."""
+    content, stated = table(value, "noise"), dict[str, Law | float | bool]()
+    for name, item in content.items():
+        known("parameter", name, ("independent", *SCATTER["plate"]))
+        if name == "independent":
+            if not isinstance(item, bool):
+                raise StudyError(f"'independent' must be true or false (got {item!r})")
+            stated[name] = item
+        elif isinstance(item, Law):
+            stated[name] = item
+        elif isinstance(item, Mapping):
+            stated[name] = law(name, table(item, name), PARAMETERS[name].dimension, bare=bare)
+        else:
+            stated[name] = quantity(item, PARAMETERS[name].dimension, name, bare=bare)
+    return stated
+
+
 def pair(*names: str) -> str:
     """Name a pair of parameters, in the package's order: ``"c, phi"``."""
-    return ", ".join(sorted(names, key=list(PARAMETERS).index))
+    return ", ".join(in_order(names))
 
 
 def correlations(value: object) -> dict[str, float]:
@@ -134,7 +181,7 @@ def correlations(value: object) -> dict[str, float]:
     for key, item in table(value, "correlation").items():
         names = [part.strip() for part in key.split(",")]
         for name in names:
-            known("parameter", name, PARAMETERS, "correlation: ")
+            known("parameter", name, (*PARAMETERS, *filter(of_soil_tests, names)), "correlation: ")
         if len(names) != 2 or names[0] == names[1]:
             raise StudyError(f"correlation: a key must name two parameters, e.g. \"c, phi\" (got '{key}')")
         number = quantity(item, "", f"correlation of '{key}'", bare=True)
@@ -152,7 +199,7 @@ def mixtures(value: object) -> dict[str, MixtureCopula]:
     for key, item in table(value, "mixture").items():
         names, what = [part.strip() for part in key.split(",")], f"mixture of '{key}'"
         for name in names:
-            known("parameter", name, PARAMETERS, f"{what}: ")
+            known("parameter", name, (*PARAMETERS, *filter(of_soil_tests, names)), f"{what}: ")
         if len(names) < 2 or len(set(names)) < len(names):
             raise StudyError(f'{what}: a key must name two parameters or more, each once, e.g. "c, phi"')
         if isinstance(item, MixtureCopula):

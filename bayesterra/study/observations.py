@@ -73,6 +73,12 @@ class Observations:
     def __len__(self) -> int:
         return len(self.rows)
 
+    @classmethod
+    def none(cls) -> Observations:
+        """No rows: of a study without wheels."""
+        empty = frozen(np.empty(0))
+        return cls((), empty, empty, {}, {}, frozen(np.empty(0), np.bool_), ())
+
     def used(self) -> Observations:
         """Only the rows that take part in the fit."""
         return self.take(self.use)

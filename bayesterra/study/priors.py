@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,9 @@ from bayesterra.parameters import (
     PRIOR_PARAMETERS,
     SOIL_PARAMETERS,
     SoilColumns,
+    in_order,
     soil_array,
+    whole_and_part,
 )
 from bayesterra.stats.dependence import SINGULAR, Dependence, GaussianCopula, JoinedDependence, MixtureCopula
 from bayesterra.stats.laws import Law
@@ -78,6 +80,10 @@ class Prior:
     width : width (m) of the wheel for which soil arrays hold K_s = k_c/b + k_φ, where these are used.
     correlation : correlations of normal scores by pair, ``"c, phi"``, in the package's order; 0 elsewhere.
     mixtures : mixture copulas by parameters, ``"n0, c, phi"``, of which none correlates with others.
+    reference, exponent : sinkage z (m) and exponent n with which the laws of the moduli are those of k_c z^n and
+        k_φ z^n, the parts of the pressure there: a modulus in Pa/m^n means nothing without its n, and a law that
+        is flat in it prefers large n. At 1 m the laws are those of k_c and k_φ.
+    of_wheels : whether every parameter of a wheel must have an entry; soil tests read only their own.
 
     Raises
     ------
@@ -89,12 +95,15 @@ class Prior:
     width: float = np.nan
     correlation: Mapping[str, float] = field(default_factory=dict)
     mixtures: Mapping[str, MixtureCopula] = field(default_factory=dict)
+    reference: float = 1.0
+    exponent: str = "n"
+    of_wheels: bool = True
 
     def __post_init__(self) -> None:
         if not isinstance(self.entries, Mapping):
             raise StudyError(f"a prior needs laws or values by parameter (got {self.entries!r:.60})")
-        unknown = [name for name in self.entries if name not in PARAMETERS]
-        missing = [name for name in self._needed if name not in self.entries]
+        unknown = [name for name in self.entries if whole_and_part(name)[0] not in PARAMETERS]
+        missing = [name for name in self._needed if name not in self.entries and self.of_wheels]
         if unknown or missing:
             raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
         for name, entry in self.entries.items():
@@ -104,6 +113,8 @@ class Prior:
             raise StudyError("'kc' and 'kphi' stand in place of 'Ks': give either")
         for name in self.ties:
             self.root(name)
+        for name in (*MODULI, self.exponent) if self.stretched else ():
+            self._check_scores(f"'reference_sinkage' with '{name}'", [name])
         for pair in self.correlation:
             self._check_scores(f"correlation of '{pair}'", pair.split(", "))
         joined = [name for pair in self.correlation for name in pair.split(", ")]
@@ -154,7 +165,7 @@ class Prior:
     @cached_property
     def laws(self) -> dict[str, Law]:
         """Laws of the free parameters in the package's order."""
-        entries = ((name, self.entries.get(name)) for name in PARAMETERS)
+        entries = ((name, self.entries[name]) for name in in_order(self.entries))
         return {name: entry for name, entry in entries if isinstance(entry, Law)}
 
     @cached_property
@@ -166,7 +177,7 @@ class Prior:
     @cached_property
     def fixed(self) -> dict[str, float]:
         """Values of the fixed parameters, and of those that are tied to one of them."""
-        roots = ((name, self.entries[self.root(name)]) for name in PARAMETERS if name in self.entries)
+        roots = ((name, self.entries[self.root(name)]) for name in in_order(self.entries))
         return {name: float(entry) for name, entry in roots if isinstance(entry, int | float)}
 
     @cached_property
@@ -198,6 +209,29 @@ class Prior:
     def names(self) -> tuple[str, ...]:
         """Names of the free parameters, the columns of every parameter array."""
         return tuple(self.laws)
+
+    def column(self, name: str, x: FloatArray) -> FloatArray:
+        """Values (n,) of a parameter, free, fixed or tied, of free parameter sets ``x`` (n, d)."""
+        root = self.root(name)
+        return x[:, self.names.index(root)] if root in self.laws else np.full(len(x), self.fixed[root])
+
+    @property
+    def stretched(self) -> bool:
+        """True where the laws of the moduli are stated at a sinkage."""
+        return self.reference != 1.0
+
+    def log_stretch(self, x: FloatArray) -> FloatArray:
+        """Log of what each parameter (n, d) is multiplied with to become what its law is about."""
+        stretch = np.zeros_like(x)
+        if self.stretched:
+            moduli = [self.names.index(name) for name in MODULI]
+            stretch[:, moduli] = x[:, [self.names.index(self.exponent)]] * np.log(self.reference)
+        return stretch
+
+    def stated(self, x: FloatArray) -> FloatArray:
+        """Quantities (n, d) that the laws are about, of parameter sets (n, d)."""
+        with np.errstate(over="ignore"):
+            return x * np.exp(self.log_stretch(x)) if self.stretched else x
 
     @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
@@ -270,7 +304,7 @@ class Prior:
     def scores(self, x: FloatArray, columns: list[int] | None = None) -> FloatArray:
         """Normal scores of parameter sets (n, d) under their own laws, of some columns or all."""
         laws = list(self.laws.values())
-        chosen = range(len(laws)) if columns is None else columns
+        chosen, x = range(len(laws)) if columns is None else columns, self.stated(x)
         scores = [laws[i].score(x[:, i]) for i in chosen]
         return np.column_stack(scores) if scores else np.empty((len(x), 0))
 
@@ -297,8 +331,15 @@ class Prior:
             curvature[:, np.array(columns)[:, None], columns] = bent
         return slope, curvature
 
+    @cached_property
+    def _at_sinkage(self) -> Prior:
+        """The prior of what the laws are about."""
+        return replace(self, reference=1.0)
+
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log density (n,) of parameter sets (n, d) under the stated laws, before the physical cut."""
+        if self.stretched:
+            return np.asarray(self._at_sinkage.log_density(self.stated(x)) + self.log_stretch(x).sum(axis=1))
         columns, low, high, level = self._flat
         flat = x[:, columns]
         total = np.where(((flat >= low) & (flat <= high)).all(axis=1), level, -np.inf)
@@ -331,4 +372,4 @@ class Prior:
             z = self._dependence.completed(np.empty((len(q), 0)), ndtri(q[:, self.correlated]))
             for i, column in zip(self.correlated, z.T, strict=True):
                 x[:, i] = laws[i].at_score(column)
-        return x
+        return x * np.exp(-self.log_stretch(x)) if self.stretched else x

@@ -21,7 +21,15 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, PARAMETERS, Parameter, field_values
+from bayesterra.parameters import (
+    CHANNELS,
+    MODEL_PARAMETERS,
+    PARAMETERS,
+    Parameter,
+    field_values,
+    in_order,
+    whole_and_part,
+)
 from bayesterra.report.verdicts import Failures, Verdict, sampling_verdict, with_failures
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
@@ -140,7 +148,6 @@ class DrawnResult(AnalysisResult):
     ----------
     TABLES : fields that are its tables.
     GROUP : of the draws that it is about.
-    ORDER : all parameters that there are.
     draws : xarray DataTree with ArviZ groups; SI, radians.
     summary : one row per parameter and derived quantity, in field units.
     record : versions, seed, settings, fingerprints, times and the verdict with every threshold.
@@ -148,7 +155,6 @@ class DrawnResult(AnalysisResult):
 
     TABLES: ClassVar[tuple[str, ...]] = ("summary",)
     GROUP: ClassVar[str] = "posterior"
-    ORDER: ClassVar[tuple[str, ...]] = tuple(PARAMETERS)
     DIGITS: ClassVar[str | None] = None
 
     draws: xr.DataTree
@@ -196,8 +202,7 @@ class DrawnResult(AnalysisResult):
     @property
     def names(self) -> tuple[str, ...]:
         """Free parameters in the order of their laws."""
-        held = self.draws[self.GROUP].data_vars
-        return tuple(name for name in self.ORDER if name in held)
+        return tuple(in_order(map(str, self.draws[self.GROUP].data_vars)))
 
     def values(self, group: str = "") -> FloatArray:
         """Draws of all parameters (n, d), of the group ``prior`` where that is asked for; SI, radians."""
@@ -232,6 +237,8 @@ class Result(DrawnResult):
     least_squares : point estimates of every method and where they stand in the posterior.
     identifiability : one row per parameter: verdict, contraction, strongest coupling.
     predictive : per row and channel: reading and predictive quantiles, in field units.
+    new_tests, bands : every soil test beside its prediction, and bands of new ones, as in
+        :class:`bayesterra.checking.soil_tests.NewTests`; empty without.
     basis : of one group of a joint posterior: where its parameters come from, a sentence.
     """
 
@@ -242,6 +249,8 @@ class Result(DrawnResult):
     least_squares: pd.DataFrame = field(default_factory=pd.DataFrame)
     identifiability: pd.DataFrame = field(default_factory=pd.DataFrame)
     predictive: pd.DataFrame = field(default_factory=pd.DataFrame)
+    new_tests: pd.DataFrame = field(default_factory=pd.DataFrame)
+    bands: pd.DataFrame = field(default_factory=pd.DataFrame)
     basis: str = ""
 
     @property
@@ -477,8 +486,8 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
     return {
         **origin(study.title, study.kind, study.source, seed, (*study.warnings, *study.notes)),
         "machine": f"{platform.system()} {platform.machine()}",
-        "model": study.model.name,
-        "drive": study.drive,
+        "model": study.model.name if study.wheels else "",
+        "drive": study.drive if study.wheels else "",
         "fingerprints": {**study.fingerprint, "run": digest(identity(study, seed))},
         **({"priors_from": [prior.record() for prior in study.taken]} if study.taken else {}),
     }
@@ -486,7 +495,7 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
 
 def _one_of(names: Collection[str], what: str) -> AfterValidator:
     def checked(name: str) -> str:
-        if name not in names:
+        if name not in names and whole_and_part(name)[0] not in names:
             raise ValueError(f"must be {what}")
         return name
 

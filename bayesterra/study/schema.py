@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
+import pandas as pd
 from pydantic import (
     AfterValidator,
     BeforeValidator,
@@ -90,6 +91,9 @@ def _priors(value: object, info: ValidationInfo) -> StatedPriors:
     content = entries.table(value, "priors")
     sources, correlation = content.pop("from", ()), content.pop("correlation", {})
     mixtures = content.pop("mixture", {})
+    reference = quantity(content.pop(REFERENCE, "1 m"), "m", REFERENCE, bare=bare_numbers(info))
+    if reference <= 0:
+        raise StudyError(f"'{REFERENCE}' must be above 0 (got {reference:g} m)")
     name = content.pop("set", None)
     if name is not None and str(name) not in stated_sets():
         raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), stated_sets())}")
@@ -99,7 +103,12 @@ def _priors(value: object, info: ValidationInfo) -> StatedPriors:
         entries.sources(sources),
         entries.correlations(correlation),
         entries.mixtures(mixtures),
+        reference,
     )
+
+
+REFERENCE = "reference_sinkage"
+"""Key of [priors]: laws of k_c and k_φ are those of k_c zⁿ and k_φ zⁿ at this sinkage."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +122,7 @@ class StatedPriors:
     sources : what is taken ``from`` earlier results.
     correlation : of normal scores, by pair.
     mixtures : mixture copulas by parameters.
+    reference : sinkage (m) at which the laws of k_c and k_φ are those of k_c zⁿ and k_φ zⁿ; 1 m: of k_c and k_φ.
     """
 
     entries: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
@@ -120,6 +130,7 @@ class StatedPriors:
     sources: tuple[Source, ...] = ()
     correlation: Mapping[str, float] = dataclasses.field(default_factory=dict)
     mixtures: Mapping[str, MixtureCopula] = dataclasses.field(default_factory=dict)
+    reference: float = 1.0
 
     def beside(self, study: Path) -> StatedPriors:
         """The same, with folders of results understood from that of a study file."""
@@ -172,6 +183,14 @@ def _named(value: object) -> object:
     if isinstance(value, Mapping):
         for name in value:
             checked_name(str(name), "the name of a wheel")
+    return value
+
+
+def _series(value: object) -> object:
+    """Soil tests, whose names end the names of their parameters."""
+    for name in value if isinstance(value, Mapping) else ():
+        if not re.fullmatch(r"[A-Za-z][\w-]*", str(name)) or name in ("mean", "spread"):
+            raise StudyError(f"the name of a soil test must be a word other than mean and spread (got {name!r:.40})")
     return value
 
 
@@ -238,6 +257,56 @@ class DataTable(Table):
     """Origin of the readings, said on every page that shows them."""
     source: Text = ""
     """Source of the readings: publication, table, transcriber."""
+
+
+def _range(dimension: str, value: object, info: ValidationInfo) -> tuple[float, float] | None:
+    name = str(info.field_name)
+    if value is None:
+        return None
+    low, high = _two(value, name, dimension, "two quantities, lowest and highest", bare=bare_numbers(info))
+    if not 0 <= low < high:
+        raise StudyError(f"'{name}' must rise and begin at 0 or above (got {low:g} and {high:g} {dimension})")
+    return low, high
+
+
+def _frame(value: object) -> object:
+    """A table of readings that Python gives in place of a file."""
+    if not isinstance(value, pd.DataFrame | None):
+        raise StudyError(f"unknown key 'table' (readings stand in 'file'; got {_shortened(value)})")
+    return value
+
+
+def _ranged(dimension: str) -> BeforeValidator:
+    return BeforeValidator(partial(_range, dimension), json_schema_input_type=list[str])
+
+
+Range = tuple[float, float] | None
+
+
+@dataclass(frozen=True, kw_only=True, config=_CONFIG)
+class SoilTestTable(Table):
+    """A series of plate or shear tests, as :class:`bayesterra.study.soil_tests.SoilTest`.
+
+    Attributes
+    ----------
+    file : readings, one row each; ``table`` in its place from Python.
+    pressure_range : readings of plates outside it are left out, Pa.
+    displacement_range : readings of shear tests outside it are left out, m.
+    spacing : of readings of one test that are closer in log sinkage (displacement) only the first is used.
+    tie : parameter of the study by parameter of the test, where the two have other names.
+    noise : scatter of the tests: laws of unknown parameters, values of fixed ones, and ``independent``.
+    """
+
+    test: Literal["plate", "shear"]
+    file: Text = ""
+    table: Annotated[Any, _entries(_frame)] = None
+    kind: Literal["measured", "simulated", "digitised"] = "measured"
+    source: Text = ""
+    pressure_range: Annotated[Range, _ranged("Pa")] = None
+    displacement_range: Annotated[Range, _ranged("m")] = None
+    spacing: Annotated[Number, Field(ge=0)] = 0.05
+    tie: dict[str, StrictStr] = Field(default_factory=dict)
+    noise: Annotated[dict[str, Any], _entries(partial(_read, entries.scatter))] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -358,10 +427,14 @@ class StudyContent(Table):
         None
     )
     """Parameters that groups of rows share, and those that each has for itself."""
-    data: DataTable
-    """Place of the measurements."""
-    wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)]
+    data: DataTable | None = None
+    """Place of the measurements; left out where there are soil tests alone."""
+    wheels: Annotated[dict[str, Annotated[WheelTable, BeforeValidator(_plain)]], BeforeValidator(_named)] = Field(
+        default_factory=dict
+    )
     """Wheels by name, which the column ``wheel`` of the measurements uses where there are several."""
+    soil_tests: Annotated[dict[str, SoilTestTable], BeforeValidator(_series)] = Field(default_factory=dict)
+    """Plates and shear tests of the same soil, by a name with which their own parameters end."""
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     """Options of the model."""
     noise: Annotated[dict[str, Noise], _entries(_noise)] = Field(default_factory=dict)
@@ -437,6 +510,7 @@ _ADAPTER = TypeAdapter(StudyContent)
 _HOMES: dict[str, Any] = {
     "data": DataTable,
     "wheels.<name>": WheelTable,
+    "soil_tests.<name>": SoilTestTable,
     "model_options": ModelOptions,
     "least_squares": LeastSquaresOptions,
     "sampling": SamplingOptions,
@@ -445,7 +519,7 @@ _HOMES: dict[str, Any] = {
 
 def _home(key: str) -> str:
     """Right place of a key that stands in the wrong table, as it does after a header too early."""
-    if key in StudyContent.__dataclass_fields__ and key not in (*_HOMES, "wheels"):
+    if key in StudyContent.__dataclass_fields__ and key not in (*_HOMES, "wheels", "soil_tests"):
         return " (it belongs at the top, before the first table)"
     homes = (table for table, shape in _HOMES.items() if key in shape.__dataclass_fields__)
     return next((f" (it belongs in [{table}])" for table in homes), "")

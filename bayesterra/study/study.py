@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
-from bayesterra.errors import check_kind, checked_path, errors_in, known
+from bayesterra.errors import StudyError, check_kind, checked_path, errors_in, known
 from bayesterra.models import Wheel, WheelSoilModel
 from bayesterra.parameters import PARAMETERS
 from bayesterra.study import assembly, schema
@@ -25,6 +25,7 @@ from bayesterra.study.observations import Observations, observations, read_table
 from bayesterra.study.plausibility import Repeats, implausible, repeats
 from bayesterra.study.priors import Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
+from bayesterra.study.soil_tests import SoilTest, soil_test
 
 if TYPE_CHECKING:
     from bayesterra.study.previous import PosteriorPrior
@@ -40,7 +41,8 @@ class Study:
     Parameters
     ----------
     data : table of measurements, units in the column names, e.g. ``sinkage [mm]``; empty cells NaN.
-    wheels : by name, :class:`bayesterra.models.Wheel` or a table of its dimensions.
+    wheels : by name, :class:`bayesterra.models.Wheel` or a table of its dimensions; neither these nor data where
+        there are soil tests alone.
     slip_reference : the radius behind the slip column: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
     sinkage_reference : the zero of the sinkage column: ``rim`` or ``tip`` of the lugs.
     kind : ``measured``, ``digitised`` or ``simulated``.
@@ -49,8 +51,8 @@ class Study:
     prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
     **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``,
         ``noise``, ``discrepancy``, ``ripple``, ``slip``, ``priors``, ``least_squares``, ``published``,
-        ``truth`` and ``sampling`` as in a study file. Numbers are SI values, text has its unit; models, laws
-        and noises may be given as objects.
+        ``truth``, ``sampling`` and ``soil_tests`` as in a study file. Numbers are SI values, text has its unit;
+        models, laws and noises may be given as objects.
 
     Attributes
     ----------
@@ -61,6 +63,7 @@ class Study:
     errors : discrepancy and ripple of the measured outcomes, and errors of the slip readings.
     prior : laws and fixed values of soil parameters and estimated noise.
     taken : joint laws that the prior holds from earlier results, and how well they stand for those.
+    soil_tests : plates and shear tests of the same soil by name.
     pooling : the role of every free parameter where there is a [pooling] table; else None.
     notes : what was filled in, left out or not used; one sentence each.
     warnings : readings that no wheel makes; one sentence each, with rows and mend.
@@ -84,6 +87,7 @@ class Study:
     noise: Mapping[str, Noise]
     errors: ModelErrors
     prior: Prior
+    soil_tests: Mapping[str, SoilTest]
     taken: tuple[PosteriorPrior, ...]
     least_squares: LeastSquaresOptions
     published: Reference | None
@@ -95,10 +99,10 @@ class Study:
 
     def __init__(
         self,
-        data: pd.DataFrame,
-        wheels: Mapping[str, Wheel | Mapping[str, Any]],
+        data: pd.DataFrame | None = None,
+        wheels: Mapping[str, Wheel | Mapping[str, Any]] | None = None,
         *,
-        slip_reference: str,
+        slip_reference: str = "",
         sinkage_reference: str = "rim",
         kind: str = "measured",
         source: str = "",
@@ -106,7 +110,8 @@ class Study:
         prior_only: bool = False,
         **tables: Any,
     ) -> None:
-        check_kind("bt.Study", data, pd.DataFrame)
+        if data is not None or not tables.get("soil_tests"):
+            check_kind("bt.Study", data, pd.DataFrame)
         described = {
             "file": tables.pop("file", "the table of measurements"),
             "slip_reference": slip_reference,
@@ -114,14 +119,16 @@ class Study:
             "kind": kind,
             "source": source,
         }
-        content = {**_with_model_name(tables), "wheels": wheels, "data": described}
+        content = {**_with_model_name(tables), **({} if data is None else {"wheels": wheels, "data": described})}
         attributes = _parts(data, schema.checked(content, bare=True), expected=prior_only)
         for name, value in {**attributes, "path": path}.items():
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         """Name the study in a line."""
-        return f"<Study {self.title!r}: {self.model.name}, drive {self.drive}, {len(self.observations)} rows>"
+        driven = f"{self.model.name}, drive {self.drive}, {len(self.observations)} rows"
+        parts = [driven] * bool(self.wheels) + [f"{test.kind} tests {name}" for name, test in self.soil_tests.items()]
+        return f"<Study {self.title!r}: {', '.join(parts)}>"
 
     @property
     def middle_load(self) -> float:
@@ -146,6 +153,12 @@ class Study:
                 raise ValueError(f"'{name}' must be a measured channel of {len(self.observations)} rows")
         merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
         return self.with_rows(replace(self.observations, values=merged))
+
+    def with_stresses(self, stresses: Mapping[str, FloatArray]) -> Study:
+        """The same study with other answers (m,) of the soil in its soil tests, by name: simulated ones, say."""
+        return self.having(
+            soil_tests={name: test.with_stress(stresses[name]) for name, test in self.soil_tests.items()}
+        )
 
     def with_use(self, use: BoolArray) -> Study:
         """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
@@ -219,13 +232,34 @@ def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFram
     with errors_in(path):
         content = schema.checked(schema.read_toml(path), bare=False)
         tables = {field.name: getattr(content, field.name) for field in fields(content)}
-        described = asdict(tables.pop("data"))
         tables["priors"] = content.priors.beside(path)
+        tables["soil_tests"] = {name: _read_test(path.parent, test) for name, test in content.soil_tests.items()}
+        if tables.pop("data") is None or content.data is None:
+            tables.pop("wheels")
+            return Study(path=path, prior_only=prior_only, **tables)
+        described = asdict(content.data)
         form = {key: described.pop(key) for key in ("sheet", "decimal")}
         described["file"] = str(path.parent / content.data.file) if table is None else "the rows"
         with errors_in(described["file"]):
             table = read_table(described["file"], **form) if table is None else table
         return Study(table, path=path, prior_only=prior_only, **described, **tables)
+
+
+def _read_test(folder: Path, test: schema.SoilTestTable) -> schema.SoilTestTable:
+    """A series of soil tests with its readings."""
+    if not test.file:
+        return test
+    with errors_in(folder / test.file):
+        return replace(test, file=str(folder / test.file), table=read_table(folder / test.file))
+
+
+def without_wheels(study: Study, command: str) -> None:
+    """StudyError where a command that is about wheels gets a study that has none."""
+    if not study.wheels:
+        raise StudyError(
+            f"'{command}' is about wheels, and this study has soil tests only: add [data] and [wheels], or take their"
+            " posterior into a study of a wheel by [[priors.from]]"
+        )
 
 
 def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
@@ -236,41 +270,66 @@ def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
     return {"model_options": asdict(model), **tables, "model": model.name}
 
 
-def _parts(data: pd.DataFrame, content: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
+def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
     """Build every attribute of a study from its checked tables."""
-    drive = Drive(content.drive)
-    soil = assembly.soil_prior(content.priors, content.model, constant_exponent=content.model_options.constant_exponent)
-    wheels, wheel_notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"])
-    with errors_in(content.data.file):
-        zeros = {key: getattr(content.data, key) for key in ("slip_reference", "sinkage_reference")}
-    rows, row_notes = assembly.conditioned(observations(data, wheels, **zeros), drive, expected=expected)
-    rows = assembly.awaited(rows, content.noise, drive) if expected else rows
+    drive, tests = Drive(content.drive), {name: soil_test(name, test) for name, test in content.soil_tests.items()}
+    _check_tables(content)
+    constant, driven = content.model_options.constant_exponent, content.data is not None
+    soil = assembly.soil_prior(content.priors, content.model, constant_exponent=constant, wheels=driven)
+    wheels, notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"]) if driven else ({}, [])
+    soil = assembly.with_soil_tests(soil, content.priors, tests, wheels=driven)
+    rows = Observations.none()
+    if data is not None and content.data is not None:
+        with errors_in(content.data.file):
+            zeros = {key: getattr(content.data, key) for key in ("slip_reference", "sinkage_reference")}
+            rows, row_notes = assembly.conditioned(observations(data, wheels, **zeros), drive, expected=expected)
+        rows, notes = assembly.awaited(rows, content.noise, drive) if expected else rows, notes + row_notes
     model, model_notes = assembly.wheel_soil_model(content.model, content.model_options, rows)
-    noise, noise_notes = assembly.outcome_noise(rows, content.noise, drive, expected=expected)
+    noise, loads = dict[str, Noise](), None
     errors = ModelErrors(content.discrepancy, content.ripple, content.slip)
-    errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, drive)
-    rows, limit_notes = assembly.check_limits(rows, noise, drive)
-    loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
+    notes = [*soil.notes, *model_notes, *notes, *rows.notes]
+    if driven:
+        noise, noise_notes = assembly.outcome_noise(rows, content.noise, drive, expected=expected)
+        errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, drive)
+        rows, limit_notes = assembly.check_limits(rows, noise, drive)
+        loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
+        notes += [*noise_notes, *error_notes, *limit_notes, *load_notes]
     prior = assembly.full_prior(soil, noise, errors, wheels)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
-    own: list[str] = []
+    own = [*filter(lambda name: name not in PARAMETERS, prior.entries)]
     if pooling is not None:
         check_groups(errors, pooling.by)
-        own = pooling.own_names(dict.fromkeys(rows.label(pooling.by)))
+        own += pooling.own_names(dict.fromkeys(rows.label(pooling.by)))
     for where, reference in (("published", content.published), ("truth", content.truth)):
         for name in reference.values if reference else ():
             known("parameter", name, (*PARAMETERS, *own), f"[{where}] ")
-    notes = [*soil.notes, *model_notes, *wheel_notes, *row_notes, *rows.notes, *noise_notes, *error_notes]
-    notes += [*limit_notes, *load_notes]
+    notes += [note for test in tests.values() for note in test.notes]
+    notes += _count_notes(rows, noise, prior, tests) + _group_notes(rows, pooling, prior)
+    origin = content.data or next(iter(tests.values())).stated
     return {
         **{name: getattr(content, name) for name in _KEPT},
-        **{"drive": drive, "kind": content.data.kind, "source": content.data.source, "model": model, "wheels": wheels},
+        **{"drive": drive, "kind": origin.kind, "source": origin.source, "model": model, "wheels": wheels},
         **{"observations": rows, "noise": noise, "errors": errors, "prior": prior, "load_range": loads},
         "pooling": pooling,
+        "soil_tests": tests,
         "taken": soil.taken,
-        "warnings": implausible(rows, wheels, noise if _repeatable(drive, errors) else {}),
-        "notes": tuple(notes + _count_notes(rows, noise, prior) + _group_notes(rows, pooling, prior)),
+        "warnings": implausible(rows, wheels, noise if _repeatable(drive, errors) else {}) if driven else (),
+        "notes": tuple(notes),
     }
+
+
+def _check_tables(content: schema.StudyContent) -> None:
+    """StudyError where tables are missing, or do not go together."""
+    if content.data is None and not content.soil_tests:
+        raise StudyError("needs 'data'")
+    of_wheels = ("wheels", "noise", "discrepancy", "ripple", "slip", "load_range", "pooling")
+    idle = [name for name in of_wheels if getattr(content, name)]
+    if content.data is None and idle:
+        raise StudyError(f"'{idle[0]}' is about wheels: it needs [data], their measurements")
+    if content.soil_tests and content.pooling is not None:
+        raise StudyError(
+            "[pooling] does not go with [soil_tests]: run the tests alone, and take their posterior by [[priors.from]]"
+        )
 
 
 def _repeatable(drive: Drive, errors: ModelErrors) -> bool:
@@ -281,10 +340,13 @@ def _repeatable(drive: Drive, errors: ModelErrors) -> bool:
 _KEPT = ("title", "soil", "date", "least_squares", "published", "truth", "sampling")
 
 
-def _count_notes(rows: Observations, noise: Mapping[str, Noise], prior: Prior) -> list[str]:
+def _count_notes(
+    rows: Observations, noise: Mapping[str, Noise], prior: Prior, tests: Mapping[str, SoilTest]
+) -> list[str]:
     """A note where there are fewer readings than free parameters, which a posterior can bear."""
     used = rows.used()
     readings = sum(int(np.sum(~np.isnan(used.values[name]))) for name in noise)
+    readings += sum(len(test.readings) for test in tests.values())
     if readings >= len(prior.names):
         return []
     return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]

@@ -38,12 +38,12 @@ from bayesterra.runtime.checkpoints import Checkpoints, digest, read_tasks, unpa
 from bayesterra.runtime.netcdf import read_tree
 from bayesterra.runtime.reading import damage
 from bayesterra.runtime.tables import csv_text, read_cells
-from bayesterra.soiltests.study import _lines, load_soil_test
 from bayesterra.study.canonical import write_study
 from bayesterra.study.observations import read_table
 from bayesterra.study.previous import taken
 from bayesterra.study.priors import Source
 from bayesterra.study.result import Result
+from bayesterra.study.soil_test_file import load_soil_test
 from bayesterra.study.study import Study, load_study
 from bayesterra.study.wheels import read_wheel
 
@@ -162,13 +162,13 @@ def soiltest(data: bytes) -> None:
         with allowed():
             test = load_soil_test(inner)
             (inner / "copy").mkdir()
-            (inner / "copy" / "soiltest.toml").write_text("\n".join(_lines(test)) + "\n", encoding="utf-8")
-            (inner / "copy" / "readings.csv").write_text(csv_text(test.table), encoding="utf-8", newline="")
+            write_study(test, inner / "copy")
             try:
                 again = load_soil_test(inner / "copy")
             except BayesterraError as error:
                 raise FailureError(f"its copy cannot be read: {error}") from error
-            if again.readings.tests != test.readings.tests:
+            series = [next(iter(each.soil_tests.values())).readings for each in (again, test)]
+            if series[0].tests != series[1].tests:
                 raise FailureError("its copy is another test")
 
 

@@ -18,6 +18,7 @@ import pandas as pd
 import pytest
 from numpy.random import SeedSequence, default_rng
 
+import bayesterra as bt
 from bayesterra.analysis.comparison import compare
 from bayesterra.analysis.inference import run_prior
 from bayesterra.checking.calibration import calibrate
@@ -34,11 +35,10 @@ from bayesterra.prediction.prediction import forecast
 from bayesterra.report.figures import white_png
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.joint import PoolingOptions
-from bayesterra.soiltests.analysis import analyse
-from bayesterra.soiltests.study import soil_test
 from bayesterra.stats.laws import Law
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.soil_test_file import soil_test_study
 from bayesterra.study.study import Study
 from tests.support.adaptation import little_leaving_out
 from tests.support.two_wheels import few_walkers
@@ -238,10 +238,10 @@ def soil_test_page() -> str:
     }
     columns = ["test", "normal_stress [Pa]", "displacement [m]", "shear_stress [Pa]"]
     given: dict[str, Any] = {"test": "shear", "title": TITLE, "soil": LINK, "priors": priors}
-    given |= {"data": {"file": "x.csv", "source": LINK}, "sampling": SamplingOptions(target_ess=100, walkers=32)}
-    test = soil_test(pd.DataFrame(rows, columns=pd.Index(columns)), given)
+    given |= {"data": {"source": LINK}, "sampling": SamplingOptions(target_ess=100, walkers=32)}
+    test = soil_test_study(given, table=pd.DataFrame(rows, columns=pd.Index(columns)))
     with little_leaving_out():
-        return analyse(test, seed=1).page().html()
+        return bt.run(test, seed=1).page().html()
 
 
 @pytest.mark.parametrize(

@@ -112,7 +112,7 @@ def test_results_are_compared_by_name() -> None:
 
 def test_a_soil_test_that_is_none() -> None:
     """Neither a file nor a loaded test."""
-    with pytest.raises(bt.StudyError, match=r"^bt.soil_test needs a soil test, as bt.load_soil_test"):
+    with pytest.raises(bt.StudyError, match=r"^bt.soil_test needs a study, as bt.load_study"):
         bt.soil_test(3)  # type: ignore[arg-type]
 
 

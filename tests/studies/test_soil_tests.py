@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.soiltests.study import load_soil_test
+from bayesterra.study.soil_test_file import load_soil_test
 
 STUDY = Path(__file__).parents[2] / "studies" / "soil-tests"
 
@@ -27,14 +27,15 @@ def stored(name: str) -> pd.DataFrame:
 @pytest.mark.parametrize("name", ["grc1", "cmu", "cullinan"])
 def test_the_shipped_files_can_be_read(name: str) -> None:
     """All tests of the published sets are there."""
-    test = load_soil_test(STUDY / f"{name}.toml")
+    (test,) = load_soil_test(STUDY / f"{name}.toml").soil_tests.values()
     assert len(test.readings.tests) == {"grc1": 15, "cmu": 18, "cullinan": 4}[name]
 
 
 @pytest.mark.parametrize("name", ["grc1", "cmu"])
 def test_intervals_cover_new_tests_and_those_of_usual_practice_do_not(script: ModuleType, name: str) -> None:
     """Recomputed for usual practice; both as stored."""
-    readings = load_soil_test(STUDY / f"{name}.toml").readings
+    (test,) = load_soil_test(STUDY / f"{name}.toml").soil_tests.values()
+    readings = test.readings
     again = pd.DataFrame(script.scored(name, "independent", pd.DataFrame(script.usual_predictions(readings))))
     rows = {(row["file"], row["likelihood"], row["of"]): row for row in stored("naive").to_dict("records")}
     for row in again.to_dict("records"):

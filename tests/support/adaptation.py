@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import pytest
 
+from bayesterra.analysis import inference
+from bayesterra.checking import soil_tests as checks
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
-from bayesterra.soiltests import checks
 from bayesterra.study.schema import SamplingOptions
 
 LITTLE = AdaptationOptions(particles=256, sweeps=2, components=6, refinements=(2, 4), more=(), shores=4)
@@ -33,5 +34,6 @@ def little_leaving_out() -> Iterator[None]:
     """Soil tests of which each is left out by a small sampling, enough for tables and pages."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(checks, "ANEW", SamplingOptions(target_ess=100, walkers=32, max_steps=200))
-        patch.setattr(checks, "PLAN", replace(LITTLE, sweeps=4))
+        for room in (checks, inference):
+            patch.setattr(room, "OF_SOIL_TESTS", replace(LITTLE, sweeps=4))
         yield

@@ -1,0 +1,204 @@
+"""Whole analyses of small soil tests, alone and beside a wheel: recovery, verdicts, page, folders."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from scipy.stats import spearmanr
+
+import bayesterra as bt
+from bayesterra.__main__ import main
+from bayesterra.analysis import inference
+from bayesterra.errors import ResultError
+from bayesterra.report.terminal import show
+from bayesterra.stats.quantile_law import QuantileLaw
+from bayesterra.study.result import Result
+from bayesterra.study.study import Study
+from tests.support.adaptation import little_adaptation, little_leaving_out
+from tests.support.shared import Shared
+from tests.support.soil_tests import SOIL, WHEEL, both, plate_table, plates, shear
+
+Analysed = Callable[[str], Result]
+ALONE = {
+    "report.html", "draws.nc", "run.json", "SHA256SUMS", "study.toml", "summary.csv", "least_squares.csv",
+    "identifiability.csv", "new_tests.csv", "bands.csv",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def analysed(shared: Shared) -> Analysed:
+    """Results by kind of study, each analysed once."""
+    made: dict[str, Callable[[], Study]] = {
+        "plates": plates,
+        "one plate": lambda: plates((0.03,)),
+        "shear": shear,
+        "one stress": lambda: shear((15e3,)),
+        "both": lambda: both(ring=True),
+    }
+
+    def result(kind: str) -> Result:
+        with little_adaptation(), little_leaving_out():
+            return bt.run(made[kind](), seed=1)
+
+    return lambda kind: shared(f"soil test, {kind}", lambda: result(kind))
+
+
+def words(result: Result) -> dict[str, str]:
+    """Verdicts on the soil parameters."""
+    table = result.identifiability.set_index("parameter")["verdict"]
+    (test,) = result.study.soil_tests.values()
+    return {name: str(table[name]) for name in test.soil}
+
+
+@pytest.mark.slow
+def test_two_radii_give_both_moduli_back_and_one_does_not(analysed: Analysed) -> None:
+    """Determined and covered with two; with one only the sum, by the words of wheel studies."""
+    two, one = analysed("plates"), analysed("one plate")
+    assert two.converged
+    assert one.converged
+    assert words(two) == dict.fromkeys(SOIL, "determined")
+    for name, value in SOIL.items():
+        low, high = np.quantile(two.draws["posterior"][name], [0.005, 0.995])
+        assert low < value < high
+    lost = "structurally not determined"
+    assert words(one) == {"kc": lost, "kphi": lost, "n": "determined"}
+    assert any("all plates have the radius 30 mm" in unseen for unseen in one.record["directions"]["unseen"])
+
+
+@pytest.mark.slow
+def test_two_stresses_separate_cohesion_from_friction_and_one_does_not(analysed: Analysed) -> None:
+    """With one normal stress only the strength there is determined."""
+    assert words(analysed("shear"))["phi"] == "determined"
+    one = analysed("one stress")
+    assert words(one)["c"] == words(one)["phi"] == "structurally not determined"
+    assert any("all tests the normal stress 15 kPa" in unseen for unseen in one.record["directions"]["unseen"])
+
+
+def test_a_wheel_with_plates_and_a_ring_is_one_posterior(analysed: Analysed, tmp_path: Path) -> None:
+    """Truth inside, all verdicts, one page with a section for the tests, and a folder that gives it back."""
+    result = analysed("both")
+    truth = {"kc": -1e3, "kphi": 900e3, "n0": 1.1, "K.ring": 0.009}
+    for name, value in truth.items():
+        low, high = np.quantile(result.draws["posterior"][name], [0.001, 0.999])
+        assert low < value < high, name
+    assert [verdict.name for verdict in result.verdicts] == ["Sampling", "Soil tests", "Fit", "Prediction", "Soil"]
+    assert "failures" not in result.record
+    report = result.save(tmp_path / "out")
+    page = report.read_text(encoding="utf-8")
+    for said in ('id="soil-tests"', "Bekker", "Janosi", "4 plate tests plates", 'id="checks"', "K</i>.ring"):
+        assert said in page
+    again = bt.load_result(tmp_path / "out")
+    np.testing.assert_array_equal(again.values(), result.values())
+    assert again.names == result.names
+    pd.testing.assert_frame_equal(again.new_tests, result.new_tests)
+    assert set(again.study.soil_tests) == {"plates", "ring"}
+    density = bt.posterior(again.study).log_density(again.values()[:50])
+    np.testing.assert_allclose(again.draws["sample_stats"]["lp"].to_numpy().ravel()[:50], density, rtol=1e-9)
+
+
+def test_checks_that_fail_cost_no_posterior(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Draws and summary stand; page and terminal say what is not known."""
+
+    def refuse(*_: object, **__: object) -> float:
+        raise ValueError("all tail values are the same")
+
+    monkeypatch.setattr(inference, "new_tests", refuse)
+    monkeypatch.setattr(inference, "rows_of_tests", refuse)
+    with little_adaptation(), little_leaving_out():
+        result = bt.run(plates((0.03,)), seed=1)
+    assert set(result.record["failures"]) == {"left_out", "fits"}
+    page = result.save(tmp_path / "out").read_text(encoding="utf-8")
+    assert page.count("tests left out could not be computed (ValueError: all tail values are the same)") >= 1
+    assert bt.load_result(tmp_path / "out").names == result.names
+
+
+def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
+    analysed: Analysed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As with wheels: the page opens with it, and one line on standard error warns; else nothing does."""
+    sound = analysed("plates")
+    quiet = {"checks": {"levels of tests uniform": 0.3}, "alarm": False}
+    loud = {"checks": {"levels of tests uniform": 0.001, "b": 0.4}, "alarm": True}
+    alarmed = replace(sound, record={**sound.record, "soil_tests": loud})
+    opening = alarmed.page().html().split("<main>")[1].lstrip()
+    assert opening.startswith(
+        '<p class="warning" role="alert">The model does <b>not fit</b> these readings: Soil tests'
+    )
+    show(alarmed.overview())
+    printed = capsys.readouterr().err
+    assert printed.startswith("warning: Soil tests: not as predicted.")
+    assert printed.count("\n") == 1
+    assert "(levels of tests uniform: p < 0.01)" in alarmed.sentence
+    sound = replace(sound, record={**sound.record, "soil_tests": quiet})
+    show(sound.overview())
+    assert capsys.readouterr().err == ""
+    assert "<b>not fit</b>" not in sound.page().html()
+
+
+def test_a_result_of_tests_alone_is_a_whole_folder(analysed: Analysed, tmp_path: Path) -> None:
+    """All files and none about wheels; draws by name over chain and draw; what is written is the same study."""
+    result = analysed("plates")
+    report = result.save(tmp_path / "out")
+    assert {path.name for path in report.parent.iterdir()} == {*ALONE, "soil-test-plate.csv"}
+    draws = xr.open_datatree(report.parent / "draws.nc", engine="h5netcdf").load()
+    assert draws["posterior"]["kc"].dims == ("chain", "draw")
+    np.testing.assert_array_equal(draws["posterior"]["n"], result.draws["posterior"]["n"])
+    draws.close()
+    for again in (bt.load_soil_test(report.parent), bt.load_result(report.parent).study):
+        assert again.prior.entries == result.study.prior.entries
+        assert again.prior.reference == result.study.prior.reference
+    record = json.loads((report.parent / "run.json").read_text(encoding="utf-8"))
+    assert (record["verdict"]["converged"], record["model"]) == (True, "")
+    page = report.read_text(encoding="utf-8")
+    assert "Bekker" in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    with pytest.raises(ResultError, match="exists already"):
+        result.save(tmp_path / "out")
+
+
+def test_the_posterior_of_plates_is_a_wheels_prior(analysed: Analysed, tmp_path: Path) -> None:
+    """A wheel study that names the folder has the moduli's laws and their correlation."""
+    result = analysed("plates")
+    result.save(tmp_path / "plates")
+    take = {"kc": "kc", "kphi": "kphi", "n0": "n"}
+    study = Study(
+        pd.DataFrame({"slip": [0.1, 0.3], "load [N]": 80.0, "drawbar_pull [N]": [14.0, 22.0]}),
+        {"Wh3": WHEEL},
+        slip_reference="rim",
+        noise={"drawbar_pull": 1.0},
+        priors={"set": "paper-box", "from": [{"result": str(tmp_path / "plates"), "take": take}]},
+    )
+    draws = result.draws["posterior"].to_dataset().stack(all=("chain", "draw"))
+    for name, source in take.items():
+        values, law = draws[source].to_numpy(), study.prior.laws[name]
+        assert isinstance(law, QuantileLaw)
+        assert abs(law.median - np.median(values)) < 0.1 * values.std()
+    ranks = float(spearmanr(draws["kc"], draws["kphi"]).statistic)
+    prior = study.prior.sample(4000, np.random.default_rng(1))
+    kc, kphi = (prior[:, study.prior.names.index(name)] for name in ("kc", "kphi"))
+    assert abs(float(spearmanr(kc, kphi).statistic) - ranks) < 0.1
+
+
+def test_the_command_writes_a_folder_and_prints_the_finding(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Exit code 0, the default name is the file's, the verdicts on the terminal; nothing is overwritten."""
+    monkeypatch.chdir(tmp_path)
+    plate_table(tests=3).to_csv(tmp_path / "plates.csv", index=False)
+    moduli = 'kc = { dist = "uniform", lower = "-20 kPa m", upper = "20 kPa m" }\nkphi = "900 kPa"\n'
+    text = f'test = "plate"\n[data]\nfile = "plates.csv"\n[priors]\n{moduli}n = 1.1\n[sampling]\ntarget_ess = 400\n'
+    (tmp_path / "plates.toml").write_text(text, encoding="utf-8")
+    with little_adaptation(), little_leaving_out():
+        assert main(["soiltest", "plates.toml", "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert "Soil tests: " in printed.out
+    assert "Report: plates-result/report.html" in printed.out
+    assert printed.err == ""
+    assert {path.name for path in (tmp_path / "plates-result").iterdir()} == {*ALONE, "soil-test-plate.csv"}
+    assert main(["soiltest", "plates.toml", "--quiet"]) == 2
+    assert "exists already: add --overwrite" in capsys.readouterr().err

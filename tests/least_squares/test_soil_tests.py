@@ -1,0 +1,37 @@
+"""Usual least-squares practice with soil tests."""
+
+import pytest
+
+from bayesterra.least_squares.soil_tests import fit, rows_of_tests
+from bayesterra.study.soil_tests import Readings
+from bayesterra.study.study import Study
+from tests.support.soil_tests import SOIL, STRENGTH, plates, shear
+
+
+def readings(study: Study) -> Readings:
+    """Readings of the one series of a study."""
+    (test,) = study.soil_tests.values()
+    return test.readings
+
+
+def test_least_squares_recover_exact_soils_and_say_what_they_cannot_separate() -> None:
+    """Without scatter both methods return the soil; with one level they say which sum they know."""
+    found = fit(readings(plates(scatter=0.0))).values
+    for method in ("regression", "nonlinear"):
+        assert found[method] == pytest.approx(SOIL, rel=1e-5)
+    for values in fit(readings(shear(tests=1))).values.values():
+        assert values == pytest.approx(STRENGTH, rel=0.3)
+    alone = fit(readings(plates((0.03,), scatter=0.0)))
+    assert alone.values["nonlinear"] == pytest.approx({"n": 1.1})
+    assert alone.notes == (
+        "plates of one radius: k_c and k_φ cannot be separated, k_c/b + k_φ = 866.7 kPa/m^n at b = 30 mm",
+    )
+    assert "one normal stress: c and φ cannot be separated, c + σ tan φ =" in fit(readings(shear((15e3,)))).notes[0]
+
+
+def test_rows_are_in_field_units_beside_what_is_known() -> None:
+    """Named after method and series; true values stand beside them."""
+    rows = list(rows_of_tests(plates(scatter=0.0, truth={"n": 1.1})))
+    assert [row[0] for row in rows[:3]] == ["regression, plate"] * 3
+    assert rows[1][1:4] == ("kphi", "kPa/m^N", pytest.approx(900.0, rel=1e-5))
+    assert rows[2][1:5] == ("n", "-", pytest.approx(1.1, rel=1e-6), 1.1)
