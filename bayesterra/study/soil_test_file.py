@@ -12,7 +12,7 @@ import pandas as pd
 from bayesterra.errors import StudyError, check_keys, checked_path, errors_in
 from bayesterra.study import entries, schema
 from bayesterra.study.observations import read_table
-from bayesterra.study.study import STUDY_FILE, Study, load_study
+from bayesterra.study.study import Study
 
 SOIL_TEST_FILE = "soiltest.toml"
 KEYS = ("test", "title", "soil", "data", "noise", "priors", "published", "truth", "sampling")
@@ -29,8 +29,6 @@ def load_soil_test(path: str | Path) -> Study:
     StudyError : naming file, table, key or column, what must hold and the value got.
     """
     path = checked_path("bt.load_soil_test", path, "a soil-test file")
-    if path.is_dir() and not (path / SOIL_TEST_FILE).is_file() and (path / STUDY_FILE).is_file():
-        return load_study(path)
     path = path / SOIL_TEST_FILE if path.is_dir() else path
     with errors_in(path):
         return soil_test_study(schema.read_toml(path), folder=path.parent)

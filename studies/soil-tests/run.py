@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,20 +25,20 @@ from scipy.special import ndtr
 from scipy.stats import binomtest, kstest
 
 import bayesterra as bt
+from bayesterra.analysis import soil_tests_page as page
 from bayesterra.identifiability import structure
 from bayesterra.identifiability.verdicts import identifiability
+from bayesterra.likelihood.experiments import Experiment, Spread, covariance
 from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.models import M2
 from bayesterra.report.figures import white_png
-from bayesterra.sampling.sampler import Target, sample, thin
-from bayesterra.soiltests import page
-from bayesterra.soiltests.analysis import SoilTestResult, analyse
-from bayesterra.soiltests.checks import PLAN
-from bayesterra.soiltests.posterior import Spread, TestPosterior, coordinates, covariance, structural
-from bayesterra.soiltests.study import Readings, SoilTest, load_soil_test, soil_test
+from bayesterra.sampling.adaptation import OF_SOIL_TESTS
+from bayesterra.sampling.sampler import sample, thin
 from bayesterra.stats.laws import Law
 from bayesterra.study.observations import read_table
 from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.soil_test_file import load_soil_test, soil_test_study
+from bayesterra.study.soil_tests import Readings
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))
@@ -67,7 +66,13 @@ BOX = {
 SHORT = SamplingOptions(target_ess=1000)
 
 
-def simulated(radii: tuple[float, ...], seed: int, truth: Mapping[str, float] = TABLE2) -> SoilTest:
+def readings_of(study: bt.Study) -> Readings:
+    """Readings of the one series of tests of a study."""
+    (test,) = study.soil_tests.values()
+    return test.readings
+
+
+def simulated(radii: tuple[float, ...], seed: int, truth: Mapping[str, float] = TABLE2) -> bt.Study:
     """Plate tests on a known soil, with the scatter stated above."""
     rows = []
     for radius in radii:
@@ -75,24 +80,22 @@ def simulated(radii: tuple[float, ...], seed: int, truth: Mapping[str, float] = 
         z = np.geomspace(*ends ** (1.0 / truth["n"]), READINGS)
         rows += [(f"{1e3 * radius:g} mm, {i + 1}", 2 * radius, depth) for i in range(TESTS) for depth in z]
     table = pd.DataFrame(rows, columns=["test", "plate_diameter [m]", "sinkage [m]"])
-    tables = {"test": "plate", "data": {"file": "simulated.csv", "kind": "simulated"}, "priors": BOX}
-    blank = soil_test(table.assign(**{"pressure [Pa]": 1.0}), tables)
-    made = TestPosterior.of(blank)
-    known = {**truth, **SCATTER}
+    tables = {"test": "plate", "data": {"kind": "simulated"}, "priors": BOX}
+    blank = soil_test_study(tables, table=table.assign(**{"pressure [Pa]": 1.0}))
+    made, known = bt.posterior(blank), {**truth, **{f"{name}.plate": value for name, value in SCATTER.items()}}
     x = np.array([[known[name] for name in made.names]])
-    stress = made.simulate(x, default_rng(SeedSequence((seed, len(radii)))))[0]
-    return replace(blank, readings=replace(blank.readings, stress=stress))
+    stress = made.experiments[0].draw(x, default_rng(SeedSequence((seed, len(radii)))))[0]
+    return blank.with_stresses({"plate": stress})
 
 
-def verdicts_of(test: SoilTest, seed: int) -> tuple[pd.DataFrame, np.ndarray, bool]:
+def verdicts_of(test: bt.Study, seed: int) -> tuple[pd.DataFrame, np.ndarray, bool]:
     """Verdicts on the parameters of a soil test, kept draws, and whether the sampling converged."""
-    posterior = TestPosterior.of(test)
-    samples = sample(Target(posterior, coordinates(posterior)), SHORT, SeedSequence(seed), adaptation=PLAN)
+    posterior = bt.posterior(test)
+    samples = sample(posterior, SHORT, SeedSequence(seed), adaptation=OF_SOIL_TESTS)
     prior, draws = draw_cut_prior(posterior, 4000, default_rng(seed)).x, thin(samples.chains).flat
-    seen = np.ones(len(posterior.names), dtype=bool)
-    seen[:3] = structural(test.readings, posterior.soil(prior[:300]), np.ones(3, dtype=bool))
+    seen = structure.structure(posterior, prior[: structure.DRAWS]).determined
     laws = posterior.prior
-    ranges = [law.range for law in laws.laws.values()]
+    ranges, seen = [law.range for law in laws.laws.values()], np.isin(posterior.names, seen)
     found = identifiability(posterior.names, ranges, laws.stated(prior), laws.stated(draws), seen)
     return found.table, draws, samples.diagnosis.converged
 
@@ -193,9 +196,9 @@ def wheels() -> None:
     save(pd.DataFrame(rows), "wheels")
 
 
-def results() -> dict[str, SoilTestResult]:
+def results() -> dict[str, bt.Result]:
     """The three test files, analysed."""
-    return {name: analyse(load_soil_test(HERE / f"{name}.toml"), seed=1) for name in FILES}
+    return {name: bt.soil_test(HERE / f"{name}.toml", seed=1) for name in FILES}
 
 
 def files() -> None:
@@ -208,20 +211,20 @@ def files() -> None:
     )
     save(summary.merge(words, how="left", on=["file", "parameter"]), "posteriors")
     save(pd.concat([one.least_squares.assign(file=name) for name, one in found.items()]), "least_squares")
-    save(pd.concat([one.left_out.assign(file=name) for name, one in found.items()]), "left_out")
-    checks = [(name, check, p) for name, one in found.items() for check, p in one.record["checks"].items()]
+    save(pd.concat([one.new_tests.assign(file=name) for name, one in found.items()]), "left_out")
+    checks = [(n, check, p) for n, one in found.items() for check, p in one.record["soil_tests"]["checks"].items()]
     save(pd.DataFrame(checks, columns=["file", "check", "p"]), "checks")
     for name, one in found.items():
-        (HERE / f"{name}.png").write_bytes(white_png(page.readings(one), 110))
+        (HERE / f"{name}.png").write_bytes(white_png(page.readings(one, next(iter(one.study.soil_tests))), 110))
 
 
 def naive() -> None:
     """Usual practice, whose readings are independent, beside ``left_out.csv``: every test from the others."""
     stored, rows = pd.read_csv(HERE / "left_out.csv"), []
     for name in ("grc1", "cmu"):
-        posterior = TestPosterior.of(load_soil_test(HERE / f"{name}.toml"))
+        readings = readings_of(load_soil_test(HERE / f"{name}.toml"))
         rows += scored(name, "stated", stored[stored["file"] == name])
-        rows += scored(name, "independent", pd.DataFrame(usual_predictions(posterior.readings)))
+        rows += scored(name, "independent", pd.DataFrame(usual_predictions(readings)))
     save(pd.DataFrame(rows), "naive")
 
 
@@ -280,7 +283,7 @@ def scored(name: str, label: str, table: pd.DataFrame) -> list[dict[str, Any]]:
 
 def table2() -> None:
     """What the paper's plate test would leave, as it is stated: simulated from Table 2, one set of tests."""
-    found = analyse(simulated(RADII, 1), seed=1)
+    found = bt.run(simulated(RADII, 1), seed=1)
     keys = ["parameter", "unit", "median", "sd", "hdi90_lo", "hdi90_hi"]
     truth = pd.DataFrame({"parameter": list(TABLE2), "truth": [TABLE2["kc"] / 1e3, TABLE2["kphi"] / 1e3, TABLE2["n"]]})
     words = found.identifiability[["parameter", "verdict", "contraction"]]
@@ -338,7 +341,7 @@ def insertion_tests() -> list[tuple[str, np.ndarray, np.ndarray]]:
 
 
 def insertion_of(
-    draws: np.ndarray, posterior: TestPosterior, variant: tuple[str, str, str]
+    draws: np.ndarray, posterior: Experiment, variant: tuple[str, str, str]
 ) -> tuple[pd.DataFrame, Callable[[np.ndarray], np.ndarray]]:
     """Every insertion beside its prediction from the plates, for one reading of the wheel.
 
@@ -385,9 +388,9 @@ def insertion_of(
 
 def insertion() -> None:
     """The held-out check: plates predict the wheel pushed straight down."""
-    found = analyse(load_soil_test(HERE / "cmu.toml"), seed=1)
+    found = bt.soil_test(HERE / "cmu.toml", seed=1)
     draws = found.values()
-    draws, posterior = draws[:: max(1, len(draws) // 1000)], found.posterior()
+    draws, posterior = draws[:: max(1, len(draws) // 1000)], bt.posterior(found.study).experiments[0]
     parts, curves = [], {}
     for geometry in GEOMETRIES:
         for breadth in ("width", "half width"):
@@ -417,7 +420,7 @@ def insertion_summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def draw_insertion(
-    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]], posterior: TestPosterior, x: np.ndarray
+    curves: Mapping[tuple[str, str, str], Callable[[np.ndarray], np.ndarray]], posterior: Experiment, x: np.ndarray
 ) -> None:
     """Bands of new insertions where b lies between the plates' radii, and all measured insertions."""
     chosen = [key for key in curves if key[:2] in (("50 mm wide", "width"), ("60 mm wide", "half width"))]

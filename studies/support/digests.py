@@ -88,7 +88,7 @@ def digests(result: Any, tables: tuple[str, ...]) -> Iterator[tuple[str, str]]:
 
 def main() -> None:
     """Print a row for each study and table."""
-    tables = ("summary", "least_squares", "identifiability", "predictive", "pooling", "sharing")
+    tables = ("summary", "least_squares", "identifiability", "predictive", "pooling", "sharing", "new_tests", "bands")
     print("study,table,digest")
     for name, case in CASES.items():
         for table, digest in digests(bt.run(study_of(case), seed=1), tables):

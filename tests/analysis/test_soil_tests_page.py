@@ -149,7 +149,7 @@ def test_a_result_of_tests_alone_is_a_whole_folder(analysed: Analysed, tmp_path:
     assert draws["posterior"]["kc"].dims == ("chain", "draw")
     np.testing.assert_array_equal(draws["posterior"]["n"], result.draws["posterior"]["n"])
     draws.close()
-    for again in (bt.load_soil_test(report.parent), bt.load_result(report.parent).study):
+    for again in (bt.load_study(report.parent), bt.load_result(report.parent).study):
         assert again.prior.entries == result.study.prior.entries
         assert again.prior.reference == result.study.prior.reference
     record = json.loads((report.parent / "run.json").read_text(encoding="utf-8"))

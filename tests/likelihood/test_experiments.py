@@ -1,5 +1,6 @@
 """Curves, likelihood, derivatives and coordinates of soil tests, each held against another way to compute it."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -47,7 +48,7 @@ def test_simulated_deviations_have_the_stated_covariance() -> None:
     np.testing.assert_allclose(np.cov(drawn.T), covariance(readings.path, one)[0], atol=1.5e-3)
 
 
-DESIGNS = {
+DESIGNS: dict[str, Callable[[], Study]] = {
     "plates": plates, "one radius": lambda: plates((0.03,)), "shear": shear, "one stress": lambda: shear((5e3,)),
     "independent": lambda: shear(noise={"independent": True}), "both": both,
     "both, at a sinkage": lambda: both(reference=True), "with a ring": lambda: both(ring=True),
@@ -57,8 +58,7 @@ DESIGNS = {
 @pytest.fixture(params=DESIGNS, scope="module")
 def study(request: pytest.FixtureRequest) -> Study:
     """Plates and rings, alone and beside a wheel."""
-    made: Study = DESIGNS[request.param]()
-    return made
+    return DESIGNS[request.param]()
 
 
 def test_the_log_density_is_the_sum_of_its_parts(study: Study) -> None:
