@@ -72,6 +72,9 @@ def test_every_state_gives_a_row_with_its_means(drive: SimulatedDrive, write: Ca
     for name, means in drive.truth.items():
         sd = table[name.replace(" [", "_sd [")]
         assert (np.abs(table[name] - np.array(means)) < 3 * sd).all(), name
+        key, scale = name.split(" [")[0], 1e-3 if "[mm]" in name else 1.0
+        assert_allclose(sd, [window.sd[key] / scale for window in reduction.kept], rtol=1e-5)
+        assert (sd < 0.05 * table[name]).all(), name
     time = drive.table["time [s]"]
     inside = drive.table["drawbar_pull [N]"][(time >= second.start) & (time <= second.end)]
     assert second.sd["drawbar_pull"] > 3 * inside.std() / np.sqrt(len(inside))
@@ -155,6 +158,16 @@ def test_a_speed_of_the_other_sign_gives_no_row(drive: SimulatedDrive, write: Ca
     backwards = turned.assign(**{rim: -turned[rim]})
     rows = reduce_logs([write(backwards, "back.csv")], **WHEEL).tables()["measurements"]
     assert_allclose(rows["slip"], [slip for slip, _ in STATES], atol=0.003)
+
+
+def test_what_is_too_short_says_why(drive: SimulatedDrive, write: Callable[..., Path]) -> None:
+    """Too few lugs for an error of the mean; a speed that changes again at once."""
+    few = reduce_logs([write(drive.table.iloc[:1500])], radius=f"{RADIUS} m", lugs=4)
+    assert few.windows[-1].rejected == "too short: 1 passing lugs, 12 s each, and 8 are needed"
+    jolted = drive.table.copy()
+    jolted.loc[2000:2150, "rim_speed [mm/s]"] *= 3
+    reasons = [window.rejected for window in reduce_logs([write(jolted)], **WHEEL).windows]
+    assert "too short: speeds change again before 4% of the log are over" in reasons
 
 
 def test_a_slow_beginning_is_not_part_of_the_window(drive: SimulatedDrive, write: Callable[..., Path]) -> None:
