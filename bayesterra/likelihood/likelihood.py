@@ -30,7 +30,7 @@ from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.likelihood.intervals import Intervals
 from bayesterra.models import kernels as at
-from bayesterra.models.kernels import Codes, Lanes, Plan, compiled, inlined
+from bayesterra.models.kernels import Codes, Lanes, Plan, called, compiled, inlined
 from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
@@ -385,7 +385,7 @@ def likelihoods(theta: FloatArray, rows: FloatArray, data: Data, plan: Plan, out
                 out[i, j, 1] = sums.drawn_load(workspace) if level > -np.inf else np.nan
 
 
-@compiled
+@called
 def _specify(workspace: Lanes, data: Data, i: int, j: int) -> None:
     """Put the readings of a row and their laws onto the desk."""
     readings, sides, floor, fraction, dof, _, shift, loads = data
@@ -403,7 +403,7 @@ def _specify(workspace: Lanes, data: Data, i: int, j: int) -> None:
     workspace[lv.TOP] = at.highest(workspace)
 
 
-@compiled
+@called
 def _first_panel(workspace: Lanes, loads: FloatArray) -> tuple[float, float]:
     """Guess the ends of the weight in log z from what sinkage and force say; the search corrects it."""
     force, around = _number(workspace, lv.NORMAL), _SIGMAS * _scale(workspace, lv.NORMAL)

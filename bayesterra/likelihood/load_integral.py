@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesterra.likelihood import load_integrand as lv
 from bayesterra.models import kernels as at
-from bayesterra.models.kernels import Lanes, compiled, inlined
+from bayesterra.models.kernels import Lanes, called, inlined
 
 EMPTY = 12.0  # depth below which the end of an interval counts as empty
 ERROR = 5e-4  # of the log integrand, left by the polynomials: a guess on the high side
@@ -23,7 +23,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 _GAUSS = 16
 
 
-@compiled
+@called
 def log_integral(workspace: Lanes, model: int, falls: bool, left: float, right: float) -> float:
     """Log of the integral of a row's likelihood over the load; −inf where no load of the range is carried.
 
@@ -40,7 +40,7 @@ def log_integral(workspace: Lanes, model: int, falls: bool, left: float, right: 
     return float(workspace[lv.SUM_TOP] + np.log(workspace[lv.SUM])) if workspace[lv.SUM] > 0.0 else -np.inf
 
 
-@compiled
+@called
 def _sum_panels(workspace: Lanes, model: int, falls: bool) -> None:
     """Sum over the interval that was found, and over more of it as its ends turn out to be weighty."""
     _clear(workspace)
@@ -56,7 +56,7 @@ def _sum_panels(workspace: Lanes, model: int, falls: bool) -> None:
         todo = _do_panel(workspace, model, falls, todo - 1)
 
 
-@compiled
+@called
 def _look_closely(workspace: Lanes, model: int, falls: bool) -> None:
     """Look once more, with full accuracy, for soils that hardly carry more than the lowest load."""
     workspace[lv.TOP] = at.highest(workspace)
@@ -67,7 +67,7 @@ def _look_closely(workspace: Lanes, model: int, falls: bool) -> None:
         right -= CLOSE
 
 
-@compiled
+@called
 def _at_once(workspace: Lanes, model: int, falls: bool, left: float, right: float) -> bool:
     """Try one panel of full accuracy; tell whether all weight lies in it and it is well described."""
     lv.forget(workspace)
@@ -103,7 +103,7 @@ def _push(workspace: Lanes, todo: int, low: float, high: float) -> int:
     return todo
 
 
-@compiled
+@called
 def _widen(workspace: Lanes) -> int:
     """Push panels beyond ends that turned out to be weighty."""
     todo, width, bar = 0, workspace[lv.HIGH] - workspace[lv.LOW], workspace[lv.BEST] - EMPTY
@@ -117,7 +117,7 @@ def _widen(workspace: Lanes) -> int:
     return todo
 
 
-@compiled
+@called
 def _do_panel(workspace: Lanes, model: int, falls: bool, todo: int) -> int:
     """Sum a panel from the stack, or split it if eight points do not describe it; return what is to do."""
     left, right = workspace[lv.STACK + 2 * todo], workspace[lv.STACK + 2 * todo + 1]
@@ -144,7 +144,7 @@ def _note_miss(workspace: Lanes, left: float, right: float, where: int) -> None:
         workspace[lv.LEFT] = np.inf
 
 
-@compiled
+@called
 def _note_ends(workspace: Lanes, left: float, right: float, low: float, high: float) -> None:
     """Keep the levels at the ends of the interval of weight, if the range of the load goes on beyond."""
     workspace[lv.T], workspace[lv.T + 1] = low, high
@@ -158,7 +158,7 @@ def _note_ends(workspace: Lanes, left: float, right: float, low: float, high: fl
         workspace[lv.RIGHT] = workspace[lv.LEVEL + 1] if high == 1.0 and open_end else lv.NOTHING
 
 
-@compiled
+@called
 def _find_parts(workspace: Lanes, low: float, high: float) -> int:
     """Divide a panel into parts narrow about their weight, which then stand first; return how many."""
     ready, end = 0, 1
@@ -199,7 +199,7 @@ def _best_place(workspace: Lanes, first: int, last: int) -> float:
     return float(workspace[lv.T + best])
 
 
-@compiled
+@called
 def _run(workspace: Lanes, first: int, cells: int) -> int:
     """Last of a run of weighty places that begins at ``first``, over gaps of two; less where none begins."""
     bar, last = workspace[lv.BEST] - lv.DEPTH, first - 1
@@ -211,7 +211,7 @@ def _run(workspace: Lanes, first: int, cells: int) -> int:
     return last
 
 
-@compiled
+@called
 def _most_doubt(workspace: Lanes, ready: int) -> float:
     """Greatest doubt at the highest places of the parts."""
     most = 0.0
@@ -220,7 +220,7 @@ def _most_doubt(workspace: Lanes, ready: int) -> float:
     return most
 
 
-@compiled
+@called
 def _add_parts(workspace: Lanes, ready: int) -> None:
     """Add the integrals over parts, and choose one for the drawn load with its share of the sum."""
     for i in range(ready):
@@ -241,12 +241,13 @@ def _add_parts(workspace: Lanes, ready: int) -> None:
         if workspace[lv.UNIFORM] < share:
             workspace[lv.UNIFORM] /= share
             workspace[lv.FROM], workspace[lv.TO] = low, high
-            workspace[lv.CHOSEN : lv.CHOSEN + at.CURVE_SIZE] = workspace[at.CURVE : at.CURVE + at.CURVE_SIZE]
+            for k in range(at.CURVE_SIZE):
+                workspace[lv.CHOSEN + k] = workspace[at.CURVE + k]
         else:
             workspace[lv.UNIFORM] = (workspace[lv.UNIFORM] - share) / (1.0 - share)
 
 
-@compiled
+@called
 def _trapezoid(workspace: Lanes, top: float, low: float, high: float) -> float:
     """Sum an integrand that vanishes at both ends; the levels of a scan are in place."""
     total = lv.add_up(workspace, lv.CELLS + 1, top)
@@ -263,7 +264,7 @@ def _trapezoid(workspace: Lanes, top: float, low: float, high: float) -> float:
             return total * step
 
 
-@compiled
+@called
 def _agreed(workspace: Lanes) -> float:
     """Relative change at which a sum is taken: a smooth integrand's finer sum is far better than that."""
     smooth = True
@@ -273,7 +274,7 @@ def _agreed(workspace: Lanes) -> float:
     return 3e-3 if smooth else 1e-4
 
 
-@compiled
+@called
 def _gauss(workspace: Lanes, top: float, low: float, high: float) -> float:
     """Sum an integrand that is cut off at an end."""
     before, pieces, finest, agreed = 0.0, 1, 4.0 * lv.finest(workspace, low, high), _agreed(workspace)
@@ -294,11 +295,12 @@ def _gauss(workspace: Lanes, top: float, low: float, high: float) -> float:
         before = total
 
 
-@compiled
+@called
 def drawn_load(workspace: Lanes) -> float:
     """The load drawn from its law given readings and soil, after :func:`log_integral`."""
     count = 257
-    workspace[at.CURVE : at.CURVE + at.CURVE_SIZE] = workspace[lv.CHOSEN : lv.CHOSEN + at.CURVE_SIZE]
+    for k in range(at.CURVE_SIZE):
+        workspace[at.CURVE + k] = workspace[lv.CHOSEN + k]
     lv.spread(workspace, count, workspace[lv.FROM], workspace[lv.TO])
     lv.add_up(workspace, count, lv.highest_level(workspace, count))
     for k in range(1, count):

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayesterra.models import kernels as at
-from bayesterra.models.kernels import Lanes, compiled, exp, inlined, log
+from bayesterra.models.kernels import Lanes, called, exp, inlined, log
 
 SINKAGE, NORMAL, PULL, MOMENT = range(4)
 CHANNELS = 4
@@ -64,7 +64,7 @@ def curve_of(channel: int) -> int:
     return at.LOG_NORMAL if channel == NORMAL else at.PULL if channel == PULL else at.MOMENT
 
 
-@compiled
+@called
 def value(workspace: Lanes, channel: int, t: float) -> float:
     """Reading that a channel should give, without zero error."""
     if channel == SINKAGE:
@@ -73,7 +73,7 @@ def value(workspace: Lanes, channel: int, t: float) -> float:
     return float(exp(curve) if channel == NORMAL else curve)
 
 
-@compiled
+@called
 def log_law(workspace: Lanes, channel: int, modelled: float) -> float:
     """Log density of a channel's reading; 0 where there is none."""
     if not is_read(workspace, channel):
@@ -88,7 +88,7 @@ def log_law(workspace: Lanes, channel: int, modelled: float) -> float:
     return float(spec(workspace, channel, PEAK) - np.log(scale / spec(workspace, channel, FLOOR)) + shape)
 
 
-@compiled
+@called
 def beyond(workspace: Lanes, channel: int, r: float) -> float:
     """Log probability of a channel's standardised residuals below ``r``, by cubics through its table.
 
@@ -109,14 +109,14 @@ def beyond(workspace: Lanes, channel: int, r: float) -> float:
     return float(bend + 0.5 * (t + 1.0) * (t - 2.0) * ((t - 1.0) * b - t * c))
 
 
-@compiled
+@called
 def log_law_peak(workspace: Lanes, channel: int) -> float:
     """Highest log density that a channel's reading can have, or log probability of a limit."""
     number = is_read(workspace, channel) and spec(workspace, channel, SIDE) == 0.0
     return float(spec(workspace, channel, PEAK)) if number else 0.0
 
 
-@compiled
+@called
 def fill_levels(workspace: Lanes, count: int) -> None:
     """Fill the log integrand at the first ``count`` places."""
     growth, half = at.powers(workspace, at.LOG_NORMAL), 1.0 / workspace[at.HALF]
@@ -177,7 +177,7 @@ def _add_law(workspace: Lanes, channel: int, count: int) -> None:
             workspace[LEVEL + k] += peak - 0.5 * (dof + 1.0) * log(far)
 
 
-@compiled
+@called
 def finest(workspace: Lanes, low: float, high: float) -> float:
     """Distance of places that shows every reading by itself; the whole part where the noise is Gaussian.
 
@@ -197,7 +197,7 @@ def finest(workspace: Lanes, low: float, high: float) -> float:
     return float(step)
 
 
-@compiled
+@called
 def add_up(workspace: Lanes, count: int, top: float) -> float:
     """Sum of the first ``count`` integrands, scaled by the level ``top``; takes the levels' place."""
     for k in range(count):
@@ -208,7 +208,7 @@ def add_up(workspace: Lanes, count: int, top: float) -> float:
     return total
 
 
-@compiled
+@called
 def doubt(workspace: Lanes, t: float) -> float:
     """Estimate the error of the log integrand at ``t`` that the polynomials leave."""
     growth, rise = at.tail(workspace, at.LOG_NORMAL), max(at.slope(workspace, t), at.FLAT)
@@ -241,7 +241,7 @@ BEST, SLACK, LOW, HIGH, LOAD_LOW, LOAD_HIGH, TOP, SUM, SUM_TOP = range(FOUND, FO
 LEFT, RIGHT, UNIFORM, FROM, TO, SCANNED = range(FOUND + 9, FOUND + 15)
 
 
-@compiled
+@called
 def locate(workspace: Lanes, model: int, falls: bool, start: float) -> None:
     """Find the interval of log z outside which the integrand has no weight, beginning at ``start``."""
     forget(workspace)
@@ -268,7 +268,7 @@ def forget(workspace: Lanes) -> None:
     workspace[LOW] = workspace[HIGH] = workspace[TOP]
 
 
-@compiled
+@called
 def search(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[bool, bool]:
     """Scan a panel; tell whether there may be weight to its left and to its right.
 
@@ -284,7 +284,7 @@ def search(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, ri
     return to_left, top < workspace[LOAD_HIGH] and _bound(workspace, 1.0) > bar
 
 
-@compiled
+@called
 def _note_weight(workspace: Lanes, cells: int) -> None:
     """Join the weighty part of a scan to the interval found before."""
     best, before = highest_level(workspace, cells + 1), workspace[BEST]
@@ -338,7 +338,7 @@ def excess(workspace: Lanes, k: int, count: int) -> float:
     return float((climb * climb / (2.0 * bend) if outward <= 0.0 else 0.0) + 0.25 * bend)
 
 
-@compiled
+@called
 def solve(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[float, float, int]:
     """Lay and scan a panel; return places between which the integrand may have weight, and cells between.
 
@@ -386,7 +386,7 @@ def _aim(workspace: Lanes, left: float, right: float) -> None:
     workspace[at.MIDDLE], workspace[at.HALF] = 0.5 * (left + right), 0.5 * (right - left)
 
 
-@compiled
+@called
 def spread(workspace: Lanes, count: int, low: float, high: float) -> None:
     """Fill ``count`` evenly spaced places, both ends included, and the levels there."""
     step = (high - low) / (count - 1)
@@ -395,7 +395,7 @@ def spread(workspace: Lanes, count: int, low: float, high: float) -> None:
     fill_levels(workspace, count)
 
 
-@compiled
+@called
 def scan(workspace: Lanes, low: float, high: float) -> int:
     """Spread places until none of the peaks between them is hidden; return the number of cells."""
     cells = CELLS
@@ -416,7 +416,7 @@ def _shows_all(workspace: Lanes, cells: int) -> bool:
     return not hidden
 
 
-@compiled
+@called
 def _bound(workspace: Lanes, end: float) -> float:
     """Upper bound of the log integrand beyond an end of the panel, −1 or 1, whatever pull and moment do."""
     total = 2.0 + (workspace[LOAD_HIGH] if end > 0 else at.polynomial(workspace, at.LOG_NORMAL, end))

@@ -1,6 +1,6 @@
 """Parts for compiled code of other layers: compiler, elementary functions, forces along the sinkage."""
 
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, compiled, inlined
 from bayesterra.models.kernels.curve import (
     FLAT,
     crest_of,
@@ -48,6 +48,7 @@ __all__ = [
     "Codes",
     "Lanes",
     "Plan",
+    "called",
     "can_fall",
     "carrying_from",
     "compiled",

@@ -1,11 +1,11 @@
 """Compiled geometry of the contact arc, and the forces from integrals over it."""
 
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, compiled
+from bayesterra.models.kernels.compiler import Lanes, called
 from bayesterra.models.kernels.elementary import angle_of_versine, divide, root, sin, versine
 
 
-@compiled
+@called
 def measure(ws: Lanes) -> None:
     """Fill the arc from the inputs, Ding et al. 2015, eqs. (5)-(8), (11), (12)."""
     for i in range(at.LANES):
@@ -31,7 +31,7 @@ def measure(ws: Lanes) -> None:
         ws[at.RS_OVER_K + i] = divide(ws[at.SHEARING_RADIUS + i], ws[at.K + i])
 
 
-@compiled
+@called
 def assemble(ws: Lanes) -> None:
     """Fill forces and components from the integrals, eqs. (14), (15)."""
     for i in range(at.LANES):

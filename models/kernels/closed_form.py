@@ -3,11 +3,11 @@
 from typing import Any
 
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import divide, exp, exp_minus_1, log, sin, versine
 
 
-@compiled
+@called
 def close(ws: Lanes, cosine_is_linear: bool) -> None:
     """Fill the integrals of Ding et al. 2015, eqs. (18)-(24) for CM1, (25) and (26) for CM2.
 

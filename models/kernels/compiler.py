@@ -7,6 +7,7 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numba
 import numpy as np
 from numba.core import compiler, types
+from numba.core.codegen import JITCodeLibrary
 from numpy.typing import NDArray
 
 from bayesterra.models.kernels.cache import CompiledFiles
@@ -29,9 +30,21 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
     return cast(Callable[P, R], _once_for_all_values(dispatcher))
 
 
+def called(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile `function` for what is compiled, by which alone it is called."""
+    return cast(Callable[P, R], _once_for_all_values(_part(function, False)))
+
+
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile `function` into its callers, so that loops around it can be vectorised."""
-    return cast(Callable[P, R], _once_for_all_values(numba.njit(forceinline=True, **_OPTIONS)(function)))
+    """Compile `function` into its callers, so that loops around it can be vectorised; else as `called`."""
+    return cast(Callable[P, R], _once_for_all_values(_part(function, True)))
+
+
+def _part(function: Any, inline: bool) -> Any:
+    """Dispatcher of a function that Python does not call: it has no wrapper."""
+    dispatcher: Any = numba.njit(pipeline_class=_Called, forceinline=inline, **_OPTIONS)(function)
+    dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
+    return dispatcher
 
 
 class _Alone(compiler.Compiler):
@@ -44,23 +57,57 @@ class _Alone(compiler.Compiler):
 
     def compile_extra(self, function: Any) -> Any:
         """Compile a function, into a library of its own."""
-        library = self.state.targetctx.codegen().create_library(function.__qualname__)
+        new: Any = _Whole  # numba has no types
+        library = new(self.state.targetctx.codegen(), function.__qualname__)
         library.enable_object_caching()
-        library._optimize_final_module = partial(_optimised, library, library._optimize_final_module)
         self.state.library = library
-        compile_with: Any = super().compile_extra  # numba has no types
+        self.state.flags.no_cfunc_wrapper = True  # of use to C alone
+        compile_with: Any = super().compile_extra
         return compile_with(function)
 
 
-def _optimised(library: Any, optimise: Callable[[], None]) -> None:
-    """Optimise a library's code, then part it: what callers may inline, and what runs with copies that are its own."""
-    optimise()
-    runs = library._final_module
-    library._shared_module = runs.clone()
-    for code, old, new in ((library._shared_module, "external", "linkonce_odr"), (runs, "linkonce_odr", "internal")):
-        for function in code.functions:
-            if not function.is_declaration and function.linkage.name == old:
-                function.linkage = new
+class _Called(compiler.Compiler):
+    """A compiler of parts: of functions that have no machine code but in those that call them."""
+
+    def compile_extra(self, function: Any) -> Any:
+        """Compile a function down to code that can be linked with its callers'."""
+        new: Any = _Part
+        library, flags = new(self.state.targetctx.codegen(), function.__qualname__), self.state.flags
+        flags.no_compile = flags.no_cpython_wrapper = flags.no_cfunc_wrapper = True
+        self.state.library = library
+        compile_with: Any = super().compile_extra
+        made = compile_with(function)
+        as_key = partial(_refuse, function.__name__)
+        self.state.targetctx.insert_user_function(as_key, made.fndesc, [library])
+        return made._replace(entry_point=as_key)
+
+
+def _refuse(name: str, *_arguments: object) -> None:
+    raise TypeError(f"'{name}' can be called from compiled code only")
+
+
+class _Whole(JITCodeLibrary):
+    """Machine code of a function and of its own copies of all that it calls."""
+
+    def _optimize_final_module(self) -> None:
+        """Optimise, then part: what callers may inline, and what runs."""
+        optimise: Any = super()._optimize_final_module
+        optimise()
+        runs = self._final_module
+        self._shared_module = runs.clone()
+        for code, old, new in ((self._shared_module, "external", "linkonce_odr"), (runs, "linkonce_odr", "internal")):
+            for function in code.functions:
+                if not function.is_declaration and function.linkage.name == old:
+                    function.linkage = new
+
+
+class _Part(JITCodeLibrary):
+    """Code for callers to link with; machine code is made of theirs."""
+
+    def _finalize_final_module(self) -> None:
+        note_globals: Any = self._finalize_dynamic_globals
+        note_globals()
+        self._finalized = True
 
 
 def _once_for_all_values(dispatcher: Any) -> Any:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.tracing import HALF, LOG_NORMAL
 
 FLAT = 1e-12
@@ -46,7 +46,7 @@ def slope(workspace: Lanes, t: float) -> float:
     return float(derive_powers(powers(workspace, LOG_NORMAL), t) / workspace[HALF])
 
 
-@compiled
+@called
 def tail(workspace: Lanes, first: int) -> float:
     """Estimate what a polynomial leaves out, from how fast its Chebyshev coefficients decay."""
     a7, a6 = workspace[first + 7] / 64.0, workspace[first + 6] / 32.0
@@ -56,7 +56,7 @@ def tail(workspace: Lanes, first: int) -> float:
     return float(2.0 * last * rate / (1.0 - rate))
 
 
-@compiled
+@called
 def place_of(workspace: Lanes, log_normal: float, low: float, high: float) -> float:
     """Place between ``low`` and ``high`` where log F_N, which rises there, has a value; Newton, bracketed."""
     t = 0.5 * (low + high)
@@ -70,7 +70,7 @@ def place_of(workspace: Lanes, log_normal: float, low: float, high: float) -> fl
     return float(t)
 
 
-@compiled
+@called
 def crest_of(workspace: Lanes) -> float:
     """Highest place up to which F_N rises: 1 if it rises all along, −1 if it falls from the start."""
     low = -1.0

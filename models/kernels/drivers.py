@@ -7,7 +7,7 @@ import numpy as np
 
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, Whole, compiled
+from bayesterra.models.kernels.compiler import Lanes, Whole, called, compiled
 from bayesterra.models.kernels.evaluation import M1, M2L, evaluate
 from bayesterra.models.kernels.grid_search import can_fall, search_by_grid
 from bayesterra.models.kernels.pairs import (
@@ -66,7 +66,7 @@ def forces(
                 _refuse(trays[which], place[which], filled[which], out, status)
 
 
-@compiled
+@called
 def _refuse(ws: Lanes, place: Whole, filled: int, out: FloatArray, status: Codes) -> None:
     """Mark the pairs of a tray for which (42) has no normal force."""
     for lane in range(filled):
@@ -80,7 +80,7 @@ def _refuse(ws: Lanes, place: Whole, filled: int, out: FloatArray, status: Codes
 def response(theta: FloatArray, rows: FloatArray, load: FloatArray, plan: Plan, out: FloatArray, status: Codes) -> None:
     """Fill `out` (n, m, 3) with z, F_DP, M_DR under `load` (n, m); NaN where `status` (n, m) is not OK."""
     screen(theta, rows, plan, status)
-    trays, filled = np.zeros((RULES + 1, at.SIZE)), np.zeros(RULES + 1, np.int64)
+    trays, filled = np.zeros((RULES + 2, at.SIZE)), np.zeros(RULES + 1, np.int64)
     place = np.zeros((RULES + 1, at.LANES, 2), np.int64)
     for i in range(status.shape[0]):
         for j in range(status.shape[1]):
@@ -102,10 +102,10 @@ def response(theta: FloatArray, rows: FloatArray, load: FloatArray, plan: Plan, 
     for which in range(RULES):
         if filled[which] > 0:
             pad(trays[which], filled[which])
-            _settle(trays[which], (plan[0], which, filled[which]), place[which], out, status)
+            _settle(trays, (plan[0], which, filled[which]), place[which], out, status)
 
 
-@compiled
+@called
 def _come_near(
     theta: FloatArray, rows: FloatArray, plan: Plan, state: tuple[Lanes, Whole, Whole], out: FloatArray, status: Codes
 ) -> None:
@@ -126,20 +126,22 @@ def _come_near(
         place[which, slot, 0], place[which, slot, 1] = i, j
         filled[which] = slot + 1
         if filled[which] == at.LANES:
-            _settle(trays[which], (plan[0], which, at.LANES), place[which], out, status)
+            _settle(trays, (plan[0], which, at.LANES), place[which], out, status)
             filled[which] = 0
     filled[ROUGH] = 0
 
 
-@compiled
-def _settle(ws: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
+@called
+def _settle(trays: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
     """Finish the solve of a tray, `how` = (model, rule, lanes filled), and scatter the responses."""
+    ws, spare = trays[how[1]], trays[ROUGH + 1]
     refine(ws, how[0], how[1])
     for lane in range(how[2]):
         i, j = place[lane, 0], place[lane, 1]
         tray, spot = ws, lane
         if ws[at.X + lane] == np.inf and can_fall(ws, lane, how[0]):
-            tray, spot = search_by_grid(ws, lane, how[0], how[1]), 0
+            search_by_grid(ws, lane, how[0], how[1], spare)
+            tray, spot = spare, 0
         out[i, j, 0] = tray[at.Z + spot]
         out[i, j, 1] = tray[at.PULL + spot]
         out[i, j, 2] = tray[at.MOMENT + spot]
@@ -180,13 +182,14 @@ def jacobian(
             for lane, column in enumerate((0, 1, 3, 4, 5, 6, 8, out.shape[3] - 1)):
                 for f in range(3):
                     out[i, j, f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
-            out[i, j, :, 2] = out[i, j, :, 1] * row[1]
-            out[i, j, :, 7] = out[i, j, :, 6] * row[0]
+            for f in range(3):
+                out[i, j, f, 2] = out[i, j, f, 1] * row[1]
+                out[i, j, f, 7] = out[i, j, f, 6] * row[0]
             if plan[0] == M2L:
                 _by_effects(ws, theta[i], row, sinkage[i, j], out[i, j])
 
 
-@compiled
+@called
 def _by_effects(ws: Lanes, theta: FloatArray, row: FloatArray, sinkage: float, out: FloatArray) -> None:
     """Fill the columns of `out` (3, 14) of the load effect; c_P2 acts only through c_P1 + c_P2 s."""
     load_lane(ws, 0, theta, row, sinkage)

@@ -2,14 +2,14 @@
 
 from bayesterra.models.kernels.arc import assemble, measure
 from bayesterra.models.kernels.closed_form import close
-from bayesterra.models.kernels.compiler import Lanes, compiled
+from bayesterra.models.kernels.compiler import Lanes, called
 from bayesterra.models.kernels.integral import integrate
 from bayesterra.models.kernels.load_effect import close_under_load, scale_pull
 
 M1, M2, M3, M2L = 1, 2, 3, 4
 
 
-@compiled
+@called
 def evaluate(ws: Lanes, model: int, which: int) -> None:
     """Fill the results from the inputs; `which` is the quadrature rule of M1."""
     measure(ws)

@@ -7,7 +7,7 @@ and M3 can have one maximum, beyond z = 0.36 r, when theta_m is close to theta_1
 import numpy as np
 
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, compiled
+from bayesterra.models.kernels.compiler import Lanes, called
 from bayesterra.models.kernels.evaluation import M1
 from bayesterra.models.kernels.solver import misfit, refine
 
@@ -16,18 +16,18 @@ _ROUNDS = 40
 _NARROW = 1e-10
 
 
-@compiled
+@called
 def can_fall(ws: Lanes, lane: int, model: int) -> bool:
     """True where F_N of a lane may be larger below z = r than at it."""
     return model != M1 or ws[at.C3 + lane] < 0.0
 
 
-@compiled
-def search_by_grid(ws: Lanes, lane: int, model: int, which: int) -> Lanes:
-    """A tray with the solution of one lane in all lanes; X = inf where F_N stays below the load."""
-    tray = np.empty(at.SIZE)
+@called
+def search_by_grid(ws: Lanes, lane: int, model: int, which: int, tray: Lanes) -> None:
+    """Fill `tray` with the solution of one lane, the same in all lanes; X = inf where F_N stays below the load."""
     for start in range(0, at.SIZE, at.LANES):
-        tray[start : start + at.LANES] = ws[start + lane]
+        for i in range(at.LANES):
+            tray[start + i] = ws[start + lane]
     low, high = tray[at.TOP] - _DEPTH, tray[at.TOP]
     for _ in range(_ROUNDS):
         _lay_grid(tray, low, high)
@@ -36,22 +36,23 @@ def search_by_grid(ws: Lanes, lane: int, model: int, which: int) -> Lanes:
         if carrying < at.LANES:
             _bracket(tray, carrying)
             refine(tray, model, which)
-            return tray
-        peak = int(np.argmax(tray[at.F : at.F + at.LANES]))
+            return
+        peak = 0
+        for i in range(1, at.LANES):
+            peak = i if tray[at.F + i] > tray[at.F + peak] else peak
         low, high = tray[at.X + max(peak - 1, 0)], tray[at.X + min(peak + 1, at.LANES - 1)]
         if high - low < _NARROW:
             break
     tray[at.X] = np.inf
-    return tray
 
 
-@compiled
+@called
 def _lay_grid(tray: Lanes, low: float, high: float) -> None:
     for i in range(at.LANES):
         tray[at.X + i] = low + (high - low) * i / (at.LANES - 1)
 
 
-@compiled
+@called
 def _first_carrying(tray: Lanes) -> int:
     for i in range(at.LANES):
         if tray[at.F + i] >= 0.0:
@@ -59,7 +60,7 @@ def _first_carrying(tray: Lanes) -> int:
     return at.LANES
 
 
-@compiled
+@called
 def _bracket(tray: Lanes, carrying: int) -> None:
     """Start all lanes between the first grid point that carries the load and the one before it."""
     high = tray[at.X + carrying]

@@ -8,12 +8,12 @@ one power serves both.
 from typing import Any
 
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import exp, exp_minus_1, log, sin, versine
 from bayesterra.models.kernels.quadrature import NODES, STARTS, WEIGHTS
 
 
-@compiled
+@called
 def integrate(ws: Lanes, which: int) -> None:
     """Fill the integrals of (4) and (9) in (14), (15) with quadrature rule `which`."""
     for i in range(at.SC1, at.SC1 + 2 * at.SUMS * at.LANES):

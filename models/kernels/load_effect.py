@@ -14,13 +14,13 @@ from typing import Any
 
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.closed_form import fill, triangles
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import divide, root
 
 _SMALLEST = 1e-300
 
 
-@compiled
+@called
 def close_under_load(ws: Lanes) -> None:
     """Fill the integrals of M2 with the shear stress of (42c), and what multiplies F_DP in (42b)."""
     for i in range(at.LANES):
@@ -48,7 +48,7 @@ def _normal_force(ws: Lanes, i: int, plain: Any, share: Any) -> Any:
     return divide(2.0 * plain, line + root(held))
 
 
-@compiled
+@called
 def scale_pull(ws: Lanes) -> None:
     """Multiply F_DP and its components by what (42b) has beyond M2's F_DP."""
     for i in range(at.LANES):

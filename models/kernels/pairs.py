@@ -5,14 +5,14 @@ from numpy.typing import NDArray
 
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, Whole, compiled
+from bayesterra.models.kernels.compiler import Lanes, Whole, called
 
 Codes = NDArray[np.int8]
 Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether good rows of a bad set count
 OK, EXPONENT, CONTACT_ANGLE, LOAD, SINKAGE, NORMAL_FORCE = range(6)  # conditions.Status
 
 
-@compiled
+@called
 def screen(theta: FloatArray, rows: FloatArray, plan: Plan, status: Codes) -> None:
     """Fill `status` (n, m) with what the parameters alone decide."""
     n, m = status.shape
@@ -27,7 +27,7 @@ def screen(theta: FloatArray, rows: FloatArray, plan: Plan, status: Codes) -> No
                 status[i, j] = first if status[i, j] == OK else status[i, j]
 
 
-@compiled
+@called
 def _parameter_status(theta: FloatArray, row: FloatArray) -> int:
     exponent = theta[1] + theta[2] * row[1]
     ratio = theta[6] + theta[7] * row[0]
@@ -36,7 +36,7 @@ def _parameter_status(theta: FloatArray, row: FloatArray) -> int:
     return OK if -1.0 <= theta[8] < ratio < 1.0 else CONTACT_ANGLE
 
 
-@compiled
+@called
 def screen_sinkage(rows: FloatArray, sinkage: FloatArray, plan: Plan, status: Codes) -> None:
     """Mark the pairs whose sinkage does not lie inside (0, r)."""
     n, m = status.shape
@@ -46,7 +46,7 @@ def screen_sinkage(rows: FloatArray, sinkage: FloatArray, plan: Plan, status: Co
                 status[i, j] = SINKAGE
 
 
-@compiled
+@called
 def load_lane(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray, sinkage: float) -> None:
     """Copy a parameter set, a row and a sinkage into a lane."""
     for q in range(at.PARAMETERS):
@@ -56,7 +56,7 @@ def load_lane(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray, sinkage:
         ws[at.ROW + q * at.LANES + lane] = row[q]
 
 
-@compiled
+@called
 def load_effects(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray) -> None:
     """Copy what M2L has beyond the columns of the other models into a lane."""
     for q in range(at.EFFECT_PARAMETERS):
@@ -64,7 +64,7 @@ def load_effects(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray) -> No
     ws[at.MEAN_LOAD + lane] = row[at.ROW_COLUMNS]
 
 
-@compiled
+@called
 def pad(ws: Lanes, filled: int) -> None:
     """Repeat the first lane in the empty ones, so that they hold valid numbers."""
     for start in range(0, at.SIZE, at.LANES):
@@ -72,7 +72,7 @@ def pad(ws: Lanes, filled: int) -> None:
             ws[start + lane] = ws[start]
 
 
-@compiled
+@called
 def scatter(ws: Lanes, place: Whole, filled: int, out: FloatArray) -> None:
     """Copy results from the lanes to the pairs they belong to."""
     for lane in range(filled):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayesterra.models.checks import FloatArray
-from bayesterra.models.kernels.compiler import compiled
+from bayesterra.models.kernels.compiler import called
 
 ROUGH_COUNT = 8
 COUNTS = (12, 14, 16, 18, 20, 24, 28, 32, 36, 44, 64, 96)
@@ -25,7 +25,7 @@ STARTS = np.concatenate([[0], np.cumsum([*COUNTS, ROUGH_COUNT])])  # rule i occu
 _RULE_OF = np.searchsorted(COUNTS, np.arange(COUNTS[-1] + 1))  # the first rule of at least so many nodes
 
 
-@compiled
+@called
 def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
     """Index of the smallest rule that serves a pair to 1e-9, mostly to 1e-10.
 
@@ -51,7 +51,7 @@ def choose_rule(theta: FloatArray, row: FloatArray, sinkage: float) -> int:
     return int(_RULE_OF[int(need + 0.3) if need < COUNTS[-1] else COUNTS[-1]])
 
 
-@compiled
+@called
 def _need_of_exponent(n: float) -> float:
     """Nodes that the broken power at the stress-free ends asks for."""
     if n >= 0.65:

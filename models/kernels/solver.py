@@ -7,7 +7,7 @@ nodes finish; the last step is so small that F_DP and M_DR are carried along it 
 import numpy as np
 
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import exp, log, root
 from bayesterra.models.kernels.evaluation import evaluate
 from bayesterra.models.kernels.quadrature import ROUGH
@@ -23,7 +23,7 @@ _ACCURACY = 1e-11  # of F_N after that step
 _ROUGH_STEPS, _STEPS = 10, 100
 
 
-@compiled
+@called
 def start(ws: Lanes) -> None:
     """Guess log z from bearing on a short arc: F_N ~ b K_s z^N sqrt(2 r z) times a mean of (1 - x^2)^N."""
     for i in range(at.LANES):
@@ -42,7 +42,7 @@ def start(ws: Lanes) -> None:
         _forget(ws, i)
 
 
-@compiled
+@called
 def rough_search(ws: Lanes, model: int) -> None:
     """Come near the root with few nodes."""
     for _ in range(_ROUGH_STEPS):
@@ -58,7 +58,7 @@ def rough_search(ws: Lanes, model: int) -> None:
             return
 
 
-@compiled
+@called
 def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
     """Copy a lane's solve into another tray, without its bracket, which few nodes may have got wrong."""
     for q in (at.LOAD, at.X, at.SLOPE, at.DOUBT, at.TOP, at.PULL_SLOPE, at.MOMENT_SLOPE):
@@ -66,7 +66,7 @@ def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
     _forget(target, slot)
 
 
-@compiled
+@called
 def refine(ws: Lanes, model: int, which: int) -> None:
     """Finish the solve: fill Z, PULL and MOMENT; X = inf where no sinkage carries the load."""
     for _ in range(_STEPS):
@@ -86,7 +86,7 @@ def refine(ws: Lanes, model: int, which: int) -> None:
         _finish(ws, i)
 
 
-@compiled
+@called
 def _forget(ws: Lanes, i: int) -> None:
     """Open the bracket of a lane and drop its previous point."""
     ws[at.LOW + i] = ws[at.TOP + i] - _DEPTH
@@ -96,7 +96,7 @@ def _forget(ws: Lanes, i: int) -> None:
     ws[at.DONE + i] = 0.0
 
 
-@compiled
+@called
 def misfit(ws: Lanes, model: int, which: int) -> None:
     """Fill F = log(F_N / W) and the other forces at the current point."""
     for i in range(at.LANES):

@@ -7,7 +7,7 @@ import numpy as np
 
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
-from bayesterra.models.kernels.compiler import Lanes, compiled, inlined
+from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import exp, log
 from bayesterra.models.kernels.evaluation import M1, evaluate
 from bayesterra.models.kernels.pairs import load_effects
@@ -27,7 +27,7 @@ _SMALLEST = 1e-300
 _BIAS = 0.09  # of the solver's start in log z, which leaves out the shear
 
 
-@compiled
+@called
 def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
     """Put one pair into all lanes of a desk."""
     for q in range(at.PARAMETERS):
@@ -41,7 +41,7 @@ def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
             load_effects(desk, i, theta, row)
 
 
-@compiled
+@called
 def trace(desk: Lanes, model: int, rough: bool) -> int:
     """Fill the curve: polynomials in t = (log z - middle)/half of log F_N, F_DP and M_DR over -1 <= t <= 1.
 
@@ -74,14 +74,14 @@ def _fit(desk: Lanes, start: int, values: int) -> None:
             desk[start + k] += _POWERS[i, k] * desk[values + i]
 
 
-@compiled
+@called
 def _rule(desk: Lanes) -> int:
     """The quadrature rule that serves the lowest and the highest sinkage of a tray."""
     theta, row = (desk[at.INPUTS : at.Z : at.LANES], desk[at.ROW : at.ROW + at.ROW_COLUMNS * at.LANES : at.LANES])
     return max(choose_rule(theta, row, desk[at.Z]), choose_rule(theta, row, desk[at.Z + DEGREE]))
 
 
-@compiled
+@called
 def guess(ws: Lanes, load: float) -> tuple[float, float]:
     """Guess log z at which a pair carries `load`, mostly within 0.2, and d log F_N / d log z there."""
     for i in range(at.LANES):
@@ -90,13 +90,13 @@ def guess(ws: Lanes, load: float) -> tuple[float, float]:
     return float(ws[at.X] + _BIAS), float(ws[at.SLOPE])
 
 
-@compiled
+@called
 def highest(ws: Lanes) -> float:
     """The highest log z of the pair of a tray, just below the wheel's radius."""
     return float(np.log(ws[at.RADIUS] * (1.0 - 1e-9)))
 
 
-@compiled
+@called
 def carrying_from(ws: Lanes, model: int, low: float, high: float, load: float) -> float:
     """A log z where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
     for _ in range(40):

@@ -16,7 +16,7 @@ from typer.main import get_command
 import bayesterra
 from bayesterra.cli import app, hushed
 from bayesterra.models.kernels import cache as kernel_cache
-from bayesterra.models.kernels.compiler import compiled
+from bayesterra.models.kernels.compiler import called, compiled
 
 ROOT = Path(bayesterra.__file__).parents[1]
 
@@ -49,6 +49,23 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(kernel_cache, "_told", [])
     return tmp_path / "cache"
+
+
+def test_what_is_only_called_has_no_code_of_its_own(cache: Path) -> None:
+    """It is part of the code of its callers, on disk too; called from Python it says so."""
+
+    @called
+    def tenth(x: float) -> float:
+        return 0.1 * x
+
+    @compiled
+    def hundredth(x: float) -> float:
+        return tenth(tenth(x))
+
+    assert hundredth(30.0) == 0.1 * (0.1 * 30.0)
+    assert "hundredth" in entry(cache).name
+    with pytest.raises(TypeError, match="'tenth' can be called from compiled code only"):
+        tenth(30.0)
 
 
 def hits() -> int:
