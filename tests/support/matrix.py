@@ -185,6 +185,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
     "predict": ("predict", "RESULT", "--slip", "0.2,0.4", "--load", "80 N", "--out", "NEW"),
     "predict --rover": ("predict", "RESULT", "--rover", "ROVER", "--slope", "0,5", "--out", "NEW"),
     "compare": ("compare", "RESULT", "RESULT", "--out", "NEW"),
+    "export": ("export", "RESULT", "--tables", "csv", "--methods", "--to", "json", "--out", "NEW"),
     "design": ("design", "RESULT", "--slip", "0.3", "--load", "80 N", *ONE, "--quiet", "--out", "NEW"),
 }
 """Commands that read studies or results; a result is what ``run`` wrote."""
