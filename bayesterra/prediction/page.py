@@ -65,7 +65,7 @@ def prediction(curve: Prediction, quantity: str, ax: Axes | None = None, *, at: 
         noisy = at.modelled if np.isnan(at.readings[:, :, column]).all() else at.readings
         low, middle, high = bands(noisy, column) / scale
         ax.errorbar(
-            at.slip, middle, yerr=[middle - low, high - middle], fmt="o", color=DATA, markersize=3.5,
+            at.slip, middle, yerr=np.stack([middle - low, high - middle]), fmt="o", color=DATA, markersize=3.5,
             capsize=2.5, elinewidth=0.9, zorder=6,
         )  # fmt: skip
     _limit(ax, modelled, readings)

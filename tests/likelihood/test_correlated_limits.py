@@ -52,10 +52,11 @@ def exact(law: Written, side: IntArray, cells: IntArray) -> float:
         return level
     mean, covariance = law.given(limits, numbers)
     turn = side[limits]
-    turned = multivariate_normal(
-        -turn * mean, turn[:, None] * covariance * turn, maxpts=4_000_000, abseps=1e-10, releps=1e-6
-    )
-    return level + float(turned.logcdf(-turn * law.readings[limits]))
+    beyond = multivariate_normal.logcdf(
+        -turn * law.readings[limits], -turn * mean, turn[:, None] * covariance * turn,
+        maxpts=4_000_000, abseps=1e-10, releps=1e-6,
+    )  # fmt: skip
+    return level + float(beyond)
 
 
 def test_it_is_the_probability_of_what_lies_beyond(case: Case) -> None:
