@@ -285,28 +285,28 @@ Range = tuple[float, float] | None
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
 class SoilTestTable(Table):
-    """A series of plate or shear tests, as :class:`bayesterra.study.soil_tests.SoilTest`.
-
-    Attributes
-    ----------
-    file : readings, one row each; ``table`` in its place from Python.
-    pressure_range : readings of plates outside it are left out, Pa.
-    displacement_range : readings of shear tests outside it are left out, m.
-    spacing : of readings of one test that are closer in log sinkage (displacement) only the first is used.
-    tie : parameter of the study by parameter of the test, where the two have other names.
-    noise : scatter of the tests: laws of unknown parameters, values of fixed ones, and ``independent``.
-    """
+    """A series of plate or shear tests, as :class:`bayesterra.study.soil_tests.SoilTest`."""
 
     test: Literal["plate", "shear"]
+    """Kind of the tests."""
     file: Text = ""
+    """Readings, one row each, a path relative to the study file; from Python ``table`` in its place."""
     table: Annotated[Any, _entries(_frame)] = None
+    """Readings as a DataFrame, from Python alone."""
     kind: Literal["measured", "simulated", "digitised"] = "measured"
+    """Origin of the readings."""
     source: Text = ""
+    """Source of the readings."""
     pressure_range: Annotated[Range, _ranged("Pa")] = None
+    """Lowest and highest pressure; readings of plates outside are left out."""
     displacement_range: Annotated[Range, _ranged("m")] = None
+    """Least and greatest displacement; readings of shear tests outside are left out."""
     spacing: Annotated[Number, Field(ge=0)] = 0.05
+    """Step in log sinkage (displacement): of readings of one test that are closer the first is used."""
     tie: dict[str, StrictStr] = Field(default_factory=dict)
+    """Parameter of the study by parameter of the test, where the two have other names."""
     noise: Annotated[dict[str, Any], _entries(partial(_read, entries.scatter))] = Field(default_factory=dict)
+    """Scatter of the tests: laws of unknown parameters, values of fixed ones, and ``independent``."""
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)

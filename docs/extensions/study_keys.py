@@ -42,6 +42,7 @@ _OPEN: dict[str, list[tuple[str, type | None]]] = {
 """Classes that hold the tables with readers of their own."""
 _KEYS = {"law": "estimate", "size": "sd", "channel": "", "arguments": "", "shape": "loc, scale, …"}
 _KEYS |= {"entries": "<parameter>", "chosen": "set", "sources": "from", "mixtures": "mixture"}
+_KEYS |= {"reference": "reference_sinkage"}
 """Key of the file for an attribute of such a class; empty where the attribute is no key."""
 
 
@@ -92,7 +93,7 @@ def unit(of: type, key: str) -> str:
         each = todo.pop()
         if isinstance(each, BeforeValidator):
             reader = each.func
-            if isinstance(reader, partial) and reader.func is schema._quantity:
+            if isinstance(reader, partial) and reader.func in (schema._quantity, schema._range):
                 return str(reader.args[0])
             if reader is schema._load_range:
                 return "N"
@@ -176,9 +177,9 @@ def tables() -> Iterator[tuple[str, str, list[Row], str]]:
     for key in schema.StudyContent.__dataclass_fields__:
         value = content["properties"][key]
         meaning = value.get("description", "")
-        further = value.get("additionalProperties")
-        name = str((further if isinstance(further, dict) else value).get("$ref", "")).rpartition("/")[2]
-        heading = f"{key}.<name>" if key == "wheels" else key
+        found = re.search(r'"#/\$defs/(\w+)"', json.dumps({k: v for k, v in value.items() if k != "default"}))
+        name = found[1] if found else ""
+        heading = f"{key}.<name>" if "additionalProperties" in value and name else key
         if name in parts:
             yield heading, meaning, _shape_rows(parts[name], getattr(schema, name)), template_of(key)
         for number, (place, of) in enumerate(_OPEN.get(key, ())):

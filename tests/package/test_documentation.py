@@ -174,6 +174,7 @@ def test_units_and_defaults_are_those_of_the_schema(keys: ModuleType) -> None:
     rows = {row[0]: row for _, _, table, _ in keys.tables() for row in table}
     assert rows["``radius``"][1:3] == ("text with a unit of m", "required")
     assert rows["``load_range``"][1] == "text with a unit of N"
+    assert rows["``pressure_range``"][1] == "text with a unit of Pa"
     assert rows["``target_ess``"][1:3] == ("whole number, at least 100, at most 10 000 000", "``4000``")
     assert '``"tip"``' in rows["``slip_reference``"][1]
 
