@@ -17,8 +17,7 @@ from bayesterra.checking.loo import INDISTINCT
 from bayesterra.checking.validation import Validation, fit_verdict
 from bayesterra.likelihood.page import noise_text, stated_law
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS
-from bayesterra.prediction.page import bands
-from bayesterra.prediction.prediction import PREDICTED
+from bayesterra.prediction.prediction import PREDICTED, quantiles
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, INK, Axis, density, label, literal, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, plain, probability, rounded, signed, with_error
@@ -462,7 +461,7 @@ def contrast_prediction(comparison: Comparison, quantity: str, ax: Axes | None =
     ax = own_axes(ax)
     column, scale = list(PREDICTED).index(quantity), PREDICTED[quantity].scale
     for (result_name, curve), colour in zip(comparison.curves.items(), COLOURS, strict=False):
-        low, middle, high = bands(curve.modelled, column) / scale
+        low, middle, high = quantiles(curve.modelled[:, :, column])[::2] / scale
         ax.fill_between(curve.slip, low, high, color=colour, alpha=0.22, linewidth=0)
         ax.plot(curve.slip, middle, color=colour, linewidth=1.3, label=literal(result_name))
     _dots(ax, comparison, quantity)

@@ -22,13 +22,7 @@ from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, Cal
 from bayesterra.checking.short_runs import FAILURES, Fit, Fitted, settings_of, short_runs
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_number, check_seed
 from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
-from bayesterra.likelihood.joint import (
-    JointPosterior,
-    draw_joint_prior,
-    joint_posterior,
-    name_in_group,
-    whole_posterior,
-)
+from bayesterra.likelihood.joint import Whole, draw_joint_prior, joint_posterior, name_in_group, whole_posterior
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, ended, in_process
@@ -65,7 +59,7 @@ def quantity_names(study: Study) -> tuple[str, ...]:
     return (*target.names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive)
 
 
-def quantities(target: Posterior | JointPosterior, x: FloatArray) -> dict[str, FloatArray]:
+def quantities(target: Whole, x: FloatArray) -> dict[str, FloatArray]:
     """Every test quantity (n,) of parameter sets (n, d) inside the support, for the posterior's readings."""
     prior, likelihood = target.log_prior_and_likelihood(x)
     values = {name: x[:, i] for i, name in enumerate(target.names)}

@@ -10,19 +10,9 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from bayesterra.checking import ranks
 from bayesterra.checking.calibration import AT_SLIP, LOG_LIKELIHOOD, LOG_PRIOR
-from bayesterra.checking.ranks import (
-    CALIBRATED,
-    COVERAGES,
-    DRAWS,
-    FAILED,
-    LEVEL,
-    MISCALIBRATED,
-    SIMULATIONS,
-    UNCONVERGED,
-    UNSETTLED,
-    Calibration,
-)
+from bayesterra.checking.ranks import Calibration
 from bayesterra.parameters import CHANNELS, PARAMETERS, whole_and_part
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
@@ -95,11 +85,11 @@ def _posterior(calibration: Calibration) -> Verdict:
     tested, failing = len(calibration.tested), calibration.failing
     smallest = calibration.tests["p_value"].min() if tested else float("nan")
     figures_ = Markup("smallest p {}, threshold {}: {} % for all together").format(
-        p_text(smallest), p_text(calibration.threshold), f"{100 * LEVEL:g}"
+        p_text(smallest), p_text(calibration.threshold), f"{100 * ranks.LEVEL:g}"
     )
     which = f"{len(failing)} of {tested} quantities are not" if failing else f"all {tested} quantities are"
     sentence = Markup("Ranks of {} uniform ({}).").format(which, figures_)
-    grade = {CALIBRATED: "good", MISCALIBRATED: "bad"}.get(calibration.verdict, "doubtful")
+    grade = {ranks.CALIBRATED: "good", ranks.MISCALIBRATED: "bad"}.get(calibration.verdict, "doubtful")
     return Verdict("Posterior", calibration.verdict, grade, sentence)
 
 
@@ -115,8 +105,8 @@ def p_text(p: float) -> str:
 def _sampling(calibration: Calibration) -> Verdict:
     n = len(calibration.table)
     unsettled, failed = calibration.unsettled, n - calibration.ranked
-    grade = "good" if not unsettled else "doubtful" if unsettled <= UNSETTLED * n else "bad"
-    sentence = say("sampling", unsettled, n, UNSETTLED, failed)
+    grade = "good" if not unsettled else "doubtful" if unsettled <= ranks.UNSETTLED * n else "bad"
+    sentence = say("sampling", unsettled, n, ranks.UNSETTLED, failed)
     return Verdict("Sampling", f"{n - unsettled} of {n} converged", grade, sentence)
 
 
@@ -144,7 +134,7 @@ def _ranks_section(calibration: Calibration) -> Blocks:
         drawing(rank_ecdf(calibration, name), f"Distribution of the ranks of {name}, less the uniform one")
         for name in calibration.tested
     )
-    caption = say("ranks", DRAWS, f"{1 - calibration.threshold:.4f}", f"{1 - LEVEL:g}")
+    caption = say("ranks", ranks.DRAWS, f"{1 - calibration.threshold:.4f}", f"{1 - ranks.LEVEL:g}")
     header: tuple[Cell, ...] = ("quantity", "ranks", "p", "verdict", "shift [sd]", "width")
     rows = tuple(_test_row(row) for row in calibration.tests.to_dict("records"))
     error = 1 / np.sqrt(max(calibration.ranked, 1))
@@ -163,17 +153,17 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 
 def _coverage_section(calibration: Calibration) -> Blocks:
-    header: tuple[Cell, ...] = ("quantity", *(f"{100 * level:.0f} %" for level in COVERAGES))
+    header: tuple[Cell, ...] = ("quantity", *(f"{100 * level:.0f} %" for level in ranks.COVERAGES))
     tests = calibration.tests[calibration.tests["verdict"] != "constant"]
     rows = tuple(_coverage_row(row) for row in tests.to_dict("records"))
     n = max(calibration.ranked, 1)
-    errors = listed(f"{100 * np.sqrt(level * (1 - level) / n):.1f}" for level in COVERAGES)
+    errors = listed(f"{100 * np.sqrt(level * (1 - level) / n):.1f}" for level in ranks.COVERAGES)
     return (Table(say("coverage", errors), "lrrrr", header, rows),)
 
 
 def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     cells = []
-    for level in COVERAGES:
+    for level in ranks.COVERAGES:
         share = row[f"covered_{100 * level:.0f}"]
         far = abs(share - level) > 3 * np.sqrt(level * (1 - level) / row["ranks"])
         text = f"{100 * share:.1f}"
@@ -193,15 +183,15 @@ def _replications_section(calibration: Calibration) -> Blocks:
     table = calibration.table
     rows: list[tuple[Cell, ...]] = [
         ("replications", str(len(table))),
-        ("not converged", str(int((table["status"] == UNCONVERGED).sum()))),
+        ("not converged", str(int((table["status"] == ranks.UNCONVERGED).sum()))),
         ("failed", str(len(table) - calibration.ranked)),
         ("effective draws: fewest, median", _pair(table["ess"], "min")),
         ("R-hat: largest, median", _pair(table["r_hat"], "max", 4)),
         ("processor seconds: most, median", _pair(table["seconds"], "max")),
     ]
-    failed = table[table["status"] == FAILED].head(5).to_dict("records")
+    failed = table[table["status"] == ranks.FAILED].head(5).to_dict("records")
     rows += [(f"failed: number {row['task']}", row["note"]) for row in failed]
-    return (Table(say("replications", DRAWS), "lr", ("", ""), tuple(rows)),)
+    return (Table(say("replications", ranks.DRAWS), "lr", ("", ""), tuple(rows)),)
 
 
 def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
@@ -216,7 +206,7 @@ def _reproduce_section(calibration: Calibration) -> Blocks:
         ("settings", in_a_line(record["settings"])),
         *origin_rows(record, "study", "data"),
     )
-    return (Text(say("reproduce", SIMULATIONS)), Table(say("repeat"), "ll", ("", ""), rows))
+    return (Text(say("reproduce", ranks.SIMULATIONS)), Table(say("repeat"), "ll", ("", ""), rows))
 
 
 @styled
@@ -254,7 +244,7 @@ def _name(quantity: str) -> str:
 
 def calibration_overview(calibration: Calibration) -> Overview:
     """The ranks of every quantity, the verdict, and what stands behind it."""
-    header = ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in COVERAGES))
+    header = ("quantity", "p", "shift", "width", *(f"{100 * q:.0f} %" for q in ranks.COVERAGES))
     rows = tuple(_ranked(row) for row in calibration.tests.to_dict("records"))
     lines = (
         "shift and width in sd of a right posterior; truths inside central intervals in %",
@@ -268,7 +258,7 @@ def _ranked(row: Mapping[Hashable, Any]) -> tuple[str, ...]:
     if row["verdict"] == "constant":
         return (name, "constant")
     mark = "" if row["verdict"] == "uniform" else " ✕"
-    shares = (f"{100 * row[f'covered_{100 * q:.0f}']:.0f}" for q in COVERAGES)
+    shares = (f"{100 * row[f'covered_{100 * q:.0f}']:.0f}" for q in ranks.COVERAGES)
     return (name, f"{row['p_value']:.4f}{mark}", f"{row['shift']:+.2f}", f"{row['width']:.2f}", *shares)
 
 
@@ -287,7 +277,7 @@ def calibration_lines(calibration: Calibration) -> list[str]:
     word = "NOT calibrated" if calibration.failing else calibration.verdict
     lines = [f"Posterior {word}: smallest p {smallest:.2g}, threshold {calibration.threshold:.2g}."]
     if calibration.unsettled:
-        allowed = f"{UNSETTLED:.0%} allowed"
+        allowed = f"{ranks.UNSETTLED:.0%} allowed"
         lines.append(f"{calibration.unsettled} of {n} replications did not converge ({allowed}).")
     lines.append(
         f"{n} replications notice a {power['error']} with probability {power['one']:.2f} in one parameter,"

@@ -12,6 +12,7 @@ from numpy.random import SeedSequence
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import BoolArray, FloatArray, spaced
+from bayesterra.checking import predictive_checks
 from bayesterra.checking.levels import BAD, DOUBTFUL, counts, parts_of, predicted, rests, ways
 from bayesterra.checking.loo import CrossValidation, Level, Without, cross_validate
 from bayesterra.checking.predictive import RowPredictions, curve_forward
@@ -23,8 +24,6 @@ from bayesterra.checking.predictive_checks import (
     PredictiveChecks,
     PriorCheck,
     PriorChecks,
-    predictive_checks,
-    prior_checks,
 )
 from bayesterra.errors import enumerated
 from bayesterra.least_squares.results import CONDITIONAL, ESTIMATES, METHODS
@@ -197,12 +196,14 @@ def validate(
     with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
         checks = failures.attempt(
             "predictive_checks",
-            lambda: predictive_checks(posterior, draws, checking, parts=parts_of(study, levels)),
+            lambda: predictive_checks.predictive_checks(posterior, draws, checking, parts=parts_of(study, levels)),
             lambda: None,
         )
         prior = None
         if "prior_predictive" not in failures:
-            prior = failures.attempt("prior_checks", lambda: prior_checks(study, before), lambda: None)
+            prior = failures.attempt(
+                "prior_checks", lambda: predictive_checks.prior_checks(study, before), lambda: None
+            )
         loo, predicting_rng = (failures.attempt("loo", left_out, lambda: None), np.random.default_rng(predicting))
         if "loo" in failures:
             return Validation(checks, prior, loo)

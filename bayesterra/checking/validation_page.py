@@ -7,19 +7,10 @@ from markupsafe import Markup
 from matplotlib.axes import Axes
 
 from bayesterra.arrays import BoolArray, FloatArray
-from bayesterra.checking import validation
+from bayesterra.checking import predictive_checks, validation
 from bayesterra.checking.levels import counts
 from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation
-from bayesterra.checking.predictive_checks import (
-    ALARM,
-    CONFLICT,
-    DOUBT,
-    PAIR,
-    TEST_STATISTICS,
-    Check,
-    PredictiveChecks,
-    PriorCheck,
-)
+from bayesterra.checking.predictive_checks import ALARM, CONFLICT, DOUBT, PAIR, Check, PredictiveChecks, PriorCheck
 from bayesterra.checking.validation import Missed, Stretch, Validation, fit_verdict, missed
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
@@ -55,9 +46,10 @@ def misfit_warning(words: Markup, check: str, then: str) -> Markup:
 def _statistics(result: Result, checks: PredictiveChecks) -> Table:
     cells = {(check.channel, check.statistic): check for check in checks.checks}
     channels = list(result.study.noise)
-    names = [name for name in TEST_STATISTICS if any((channel, name) in cells for channel in channels)]
     rows = tuple(
-        (TEST_STATISTICS[name].words, *(_cell(cells.get((channel, name))) for channel in channels)) for name in names
+        (statistic.words, *(_cell(cells.get((channel, name))) for channel in channels))
+        for name, statistic in predictive_checks.TEST_STATISTICS.items()
+        if any((channel, name) in cells for channel in channels)
     )
     caption = say("statistics", checks.replicates, PAIR, DOUBT, ALARM, estimated_noise(result.study))
     return Table(caption, "l" + "r" * len(channels), ("", *(symbol(c) for c in channels)), rows)

@@ -6,25 +6,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.design import choosing
 from bayesterra.design.candidates import Candidate, Situation, candidates, parameters_of_interest, readings_of
-from bayesterra.design.choosing import (
-    BIT,
-    CRITERIA,
-    UNANSWERED,
-    Design,
-    Progress,
-    Report,
-    as_content,
-    choose,
-    from_content,
-)
+from bayesterra.design.choosing import BIT, CRITERIA, UNANSWERED, Design, Progress
 from bayesterra.design.gain import Estimate, Interest, normal_estimate, pairs
 from bayesterra.errors import StudyError, check_kind, check_seed, did_you_mean
 from bayesterra.likelihood.forward import reference_load
@@ -62,13 +52,7 @@ def situation_of(study_or_result: Result | Study, seed: int = 1) -> Situation:
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """Question to a design, complete.
-
-    Attributes
-    ----------
-    situation, candidates : what is known before, and the drives to judge.
-    about, number, by, seed : see :func:`recommend`.
-    """
+    """Question to a design, complete: what :func:`bayesterra.design.choosing.choose` is told."""
 
     situation: Situation
     candidates: tuple[Candidate, ...]
@@ -76,15 +60,6 @@ class DesignRequest:
     number: int
     by: str
     seed: int
-
-    def answered(
-        self, engine: Engine | None, report: Report, finished: Mapping[int, Estimate] = MappingProxyType({})
-    ) -> Design:
-        """Judge the candidates; see :func:`bayesterra.design.choosing.choose`."""
-        return choose(
-            self.situation, self.candidates, self.about, number=self.number, by=self.by, seed=self.seed,
-            engine=engine, finished=finished, report=report,
-        )  # fmt: skip
 
     @property
     def origin(self) -> dict[str, Any]:
@@ -194,7 +169,7 @@ def recommend(
         known, about=about, slips=slips, loads=loads, wheels=wheels, channels=channels, number=number, by=by,
         seed=seed, group=group,
     )  # fmt: skip
-    return question.answered(engine, lambda estimates, update: progress(update))
+    return choosing.choose(**vars(question), engine=engine, report=lambda estimates, update: progress(update))
 
 
 def next_drive(study: Study, target: Posterior, draws: FloatArray, seed: SeedSequence) -> dict[str, Any] | None:
@@ -266,13 +241,13 @@ def design_into(
         with task_bar("judging", "candidates", show=not quiet) as show:
 
             def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
-                store.add({task: as_content(estimate) for task, estimate in estimates.items()})
+                store.add({task: choosing.as_content(estimate) for task, estimate in estimates.items()})
                 stage, done = f"judging for drive {progress.drive}", progress.done / progress.of
                 status.note(stage, done, progress.seconds_left, steps=progress.judged)
                 show(stage, progress.done, progress.of, progress.seconds_left, "")
                 watch(progress)
 
-            finished = {task: from_content(content) for task, content in store.tasks().items()}
-            made = question.answered(engine, update, finished)
+            finished = {task: choosing.from_content(content) for task, content in store.tasks().items()}
+            made = choosing.choose(**vars(question), engine=engine, finished=finished, report=update)
         made.write(part)
     return made

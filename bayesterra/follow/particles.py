@@ -58,6 +58,11 @@ class Particles:
         """Effective number of particles (Kong 1992)."""
         return effective_number(relative(self.log_weights))
 
+    @property
+    def variance(self) -> float:
+        """Monte Carlo variance of the log mean of the weights that particles have come to hold."""
+        return 1.0 / self.effective - 1.0 / len(self)
+
     def weighed(self, log_terms: FloatArray) -> tuple[Particles, float]:
         """The particles with log factors (n,) taken into its weights, and the log of their weighted mean."""
         log_weights = self.log_weights + log_terms
@@ -130,18 +135,13 @@ def learn(
         total += gained
         if done == 1.0 and particles.effective >= KEEP * n:
             break
-        variance += settled(particles)
+        variance += particles.variance
         particles, newest, event = rejuvenate(particles, levels(), done, before, rng)
         events.append(event)
         if done == 1.0:
             break
     particles = replace(particles, log_likelihood=particles.log_likelihood + newest)
     return Learned(particles, total, variance, tuple(events))
-
-
-def settled(particles: Particles) -> float:
-    """Monte Carlo variance of the log mean of the weights that particles have come to hold."""
-    return 1.0 / particles.effective - 1.0 / len(particles)
 
 
 def _step(log_weights: FloatArray, newest: FloatArray, rest: float) -> float:

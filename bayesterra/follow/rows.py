@@ -354,16 +354,9 @@ def cells(update: Update, row: Observations) -> dict[str, object]:
         line[reading["channel"] + unit] = reading["observed"]
         line |= {f"{reading['channel']}_{key}{unit}": reading[key] for key in BAND_NAMES}
         line[f"{reading['channel']}_pit"] = reading["pit"]
-    line |= {
-        "log_predictive": update.log_predictive,
-        "log_evidence": update.log_evidence,
-        "log_evidence_error": update.log_evidence_error,
-        "effective": update.effective,
-        "sweeps": update.sweeps,
-        "log_statistic": update.log_statistic,
-        "alarm": update.alarm.since if update.alarm else None,
-        "seconds": update.seconds,
-    }
+    told = ("log_predictive", "log_evidence", "log_evidence_error", "effective", "sweeps", "log_statistic")
+    line |= {name: getattr(update, name) for name in told}
+    line |= {"alarm": update.alarm.since if update.alarm else None, "seconds": update.seconds}
     for name, column in zip(update.names, update.quantiles.T, strict=True):
         parameter = PARAMETERS[name]
         ends = zip(BAND_NAMES, column / parameter.scale, strict=True)

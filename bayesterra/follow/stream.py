@@ -17,16 +17,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_seed, checked_path
 from bayesterra.follow.changepoint import Candidates, ChangeDetector
-from bayesterra.follow.particles import (
-    Levels,
-    Particles,
-    group_of,
-    learn,
-    log_likelihoods,
-    settled,
-    values_of,
-    whole_of,
-)
+from bayesterra.follow.particles import Levels, Particles, group_of, learn, log_likelihoods, values_of, whole_of
 from bayesterra.follow.rows import BAND, Alarm, Rows, Update, forecast, read_row, summary_of, table_of
 from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, draw_cut_prior, likelihood_of
@@ -160,7 +151,7 @@ class Stream(AnalysisResult):
     @property
     def log_evidence_error(self) -> float:
         """Monte Carlo standard error of ``log_evidence``."""
-        return float(np.sqrt(self._variance + (settled(self._cloud) if self._cloud else 0.0)))
+        return float(np.sqrt(self._variance + (self._cloud.variance if self._cloud else 0.0)))
 
     def add(self, row: Mapping[str, object] | pd.Series | pd.DataFrame | None = None, **values: object) -> Update:
         """Learn from one more row.

@@ -19,17 +19,7 @@ from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collin
 from bayesterra.identifiability.profiles import Profile, Profiles, no_profiles, profiles
 from bayesterra.identifiability.structure import DRAWS as STRUCTURE_DRAWS
 from bayesterra.identifiability.structure import Structure, structure
-from bayesterra.identifiability.verdicts import (
-    DETERMINED,
-    MOVED,
-    STRUCTURAL,
-    WEAK,
-    Identifiability,
-    disagreements,
-    evidence,
-    identifiability,
-    word,
-)
+from bayesterra.identifiability.verdicts import DETERMINED, STRUCTURAL, WEAK, Identifiability, identifiability, judged
 from bayesterra.likelihood.joint import Whole, whole_posterior
 from bayesterra.parameters import PARAMETERS, field_values
 from bayesterra.report.verdicts import Verdict
@@ -123,9 +113,10 @@ def analyse(
     laws = posterior.prior.laws.values()
     ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
     basis = identifiability(posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined), logs)
+    table = basis.table.assign(cut_contraction=informed.parameters["cut_contraction"])
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, tied, informed,
-        _verdicts(basis.table, informed, _elsewhere(prior, spread, profiled)), _combinations(informed, seen),
+        judged(table.join(_elsewhere(prior, spread, profiled))), _combinations(informed, seen),
         _counts(informed), clock.seconds,
     )  # fmt: skip
 
@@ -145,15 +136,6 @@ class _Clock:
         return result
 
 
-def _verdicts(table: pd.DataFrame, informed: Information, elsewhere: pd.DataFrame) -> pd.DataFrame:
-    """Verdicts from draws alone, judged anew with what profiles and bounds say; see :class:`Analysis`."""
-    table = table.assign(cut_contraction=informed.parameters["cut_contraction"]).join(elsewhere)
-    facts = evidence(table)
-    words = [word(each) for each in facts]
-    against = ["; ".join(disagreements(*each)) for each in zip(facts, words, strict=True)]
-    return table.assign(verdict=words, against=against)
-
-
 def _elsewhere(prior: FloatArray, spread: LocalAnalysis, profiled: Profiles) -> pd.DataFrame:
     """Findings of profiles and bounds; ``prior`` has draws (m, d) of the cut one."""
     each = profiled.found.get("likelihood")
@@ -168,8 +150,7 @@ def _combinations(informed: Information, seen: Structure) -> pd.DataFrame:
     """Independent combinations and their verdicts, and those that the design cannot see."""
     table = informed.directions
     table = table[(table["scope"] == ALL) & (table["view"] == MARGINAL)]
-    words = [rated_as(*each) for each in zip(table["contraction"], table["divergence"], strict=True)]
-    rated = table[["combination", "contraction"]].assign(verdict=words)
+    rated = judged(table)[["combination", "contraction", "verdict"]]
     nulls = [(null.words, np.nan, STRUCTURAL) for null in seen.nulls]
     if not nulls:
         return rated.reset_index(drop=True)
@@ -181,15 +162,6 @@ def _counts(informed: Information) -> pd.DataFrame:
     table = informed.counts
     chosen = table[table["view"] == MARGINAL][["scope", "directions", "determined", "effective"]]
     return chosen.reset_index(drop=True)
-
-
-def rated_as(contraction: float, divergence: float) -> str:
-    """Verdict on a combination of parameters."""
-    if contraction >= DETERMINED:
-        return "determined"
-    if contraction >= WEAK:
-        return "weakly"
-    return "moved" if divergence >= MOVED else "repeats its prior"
 
 
 def _excluded(profile: Profile, prior: FloatArray) -> float:

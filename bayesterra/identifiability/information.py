@@ -29,17 +29,7 @@ from scipy.special import digamma
 from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray, spaced
-from bayesterra.identifiability.verdicts import (
-    DETERMINED,
-    covariance,
-    eigen_directions,
-    group_columns,
-    in_words,
-    own_scale,
-    ranked,
-    scores_under,
-    within_groups,
-)
+from bayesterra.identifiability import verdicts
 from bayesterra.likelihood.joint import Whole
 from bayesterra.stats.diagnostics import divergence
 
@@ -81,7 +71,7 @@ def information(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Gen
     data, cut = Compared.scores(prior, draws), Compared.scores(stated, prior)
     scopes = list(_scopes(names))
     logs = np.array([law.logarithmic for law in posterior.prior.laws.values()])
-    own = [own_scale(x, logs) for x in (stated, prior, draws)]
+    own = [verdicts.own_scale(x, logs) for x in (stated, prior, draws)]
     return Information(
         parameters=_parameters(names, Compared(own[1], own[2]), Compared(own[0], own[1])),
         directions=pd.concat([_directions(names, data, *scope) for scope in scopes], ignore_index=True),
@@ -93,7 +83,7 @@ def information(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Gen
 def _scopes(names: Sequence[str]) -> Iterator[tuple[str, Sequence[int], str]]:
     """Scope, its columns, and view."""
     yield ALL, range(len(names)), MARGINAL
-    for group, columns in group_columns(names).items():
+    for group, columns in verdicts.group_columns(names).items():
         yield group, columns, MARGINAL
         if len(columns) < len(names):
             yield group, columns, OTHERS_KNOWN
@@ -109,7 +99,7 @@ class Compared:
     @classmethod
     def scores(cls, reference: FloatArray, draws: FloatArray) -> Compared:
         """In normal scores under the reference."""
-        return cls(scores_under(reference, reference), scores_under(reference, draws))
+        return cls(verdicts.scores_under(reference, reference), verdicts.scores_under(reference, draws))
 
     @property
     def relative_error(self) -> float:
@@ -118,8 +108,8 @@ class Compared:
 
     def directions(self, columns: Sequence[int], view: str) -> tuple[FloatArray, FloatArray]:
         """Contractions (k,), best first, and weights (k, k) of some columns."""
-        before, after = (_seen(covariance(x), columns, view) for x in (self.reference, self.draws))
-        return eigen_directions(before, after)
+        before, after = (_seen(verdicts.covariance(x), columns, view) for x in (self.reference, self.draws))
+        return verdicts.eigen_directions(before, after)
 
     def divergence(self, columns: Sequence[int], weights: FloatArray) -> tuple[float, float]:
         """Divergence (nats) along a combination, and its error."""
@@ -163,7 +153,7 @@ def _directions(names: Sequence[str], data: Compared, scope: str, columns: Seque
             "scope": scope,
             "view": view,
             "rank": np.arange(len(inside)) + 1,
-            "combination": [in_words(inside, column) for column in weights.T],
+            "combination": [verdicts.in_words(inside, column) for column in weights.T],
             "contraction": contractions,
             "error": (1.0 - contractions) * data.relative_error,
             "divergence": [gain[0] for gain in gains],
@@ -179,9 +169,9 @@ def _count(data: Compared, cut: Compared, scope: str, columns: Sequence[int], vi
         "view": view,
         "directions": len(columns),
         "effective": effective(contractions),
-        "determined": int((contractions >= DETERMINED).sum()),
+        "determined": int((contractions >= verdicts.DETERMINED).sum()),
         "cut_effective": effective(by_cut),
-        "cut_determined": int((by_cut >= DETERMINED).sum()),
+        "cut_determined": int((by_cut >= verdicts.DETERMINED).sum()),
     }
 
 
@@ -234,9 +224,9 @@ def coupling(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Genera
 
     Draws must be nearly independent, as kept draws are; thousands of spaced ones are used.
     """
-    names, groups = posterior.names, group_columns(posterior.names)
+    names, groups = posterior.names, verdicts.group_columns(posterior.names)
     prior, draws = spaced(prior, COUPLING_DRAWS), spaced(draws, COUPLING_DRAWS)
-    inner = within_groups(posterior).from_physical
+    inner = verdicts.within_groups(posterior).from_physical
     singles = {name: [i] for i, name in enumerate(names)}
     pairs = _compared(singles, prior, draws, rng)
     correlations = {
@@ -246,8 +236,8 @@ def coupling(posterior: Whole, prior: FloatArray, draws: FloatArray, rng: Genera
     }
     return Coupling(
         names=names, groups=groups, pairs=pairs.assign(**correlations),
-        between=_compared(groups, inner(prior), inner(draws), rng), copula=_correlation(ranked(draws)),
-        prior_copula=_correlation(ranked(prior)),
+        between=_compared(groups, inner(prior), inner(draws), rng), copula=_correlation(verdicts.ranked(draws)),
+        prior_copula=_correlation(verdicts.ranked(prior)),
     )  # fmt: skip
 
 
@@ -276,7 +266,7 @@ def nearest_information(first: FloatArray, second: FloatArray, k: int = NEIGHBOU
 
 def whitened(draws: FloatArray) -> FloatArray:
     """Normal scores (n, d) turned and stretched until they are uncorrelated with spread 1."""
-    scores = ranked(draws)
+    scores = verdicts.ranked(draws)
     root = np.linalg.cholesky(np.atleast_2d(np.cov(scores.T)))
     return np.asarray(np.linalg.solve(root, scores.T).T)
 
@@ -338,7 +328,7 @@ class _Scored:
     def of(cls, sets: Columns, draws: FloatArray) -> _Scored:
         few = spaced(draws, NEAREST_DRAWS)
         few = few[np.sort(np.unique(few, axis=0, return_index=True)[1])]  # a walker may have stood still
-        return cls(sets, ranked(draws), {name: whitened(few[:, list(held)]) for name, held in sets.items()})
+        return cls(sets, verdicts.ranked(draws), {name: whitened(few[:, list(held)]) for name, held in sets.items()})
 
     def copula(self, a: str, b: str) -> float:
         return copula_information(self.scores[:, self.sets[a]], self.scores[:, self.sets[b]])

@@ -12,13 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
+from bayesterra.identifiability import evidence_page
 from bayesterra.identifiability.analysis import Foreseen, Identified
-from bayesterra.identifiability.evidence_page import (
-    coupling_section,
-    information_section,
-    local_section,
-    method_section,
-)
 from bayesterra.identifiability.information import ALL
 from bayesterra.identifiability.profiles import LEVELS, NO_PROFILES, Profile, Profiles
 from bayesterra.identifiability.verdicts import COUPLED_TO_ALL, DETERMINED, EXCLUDED, MOVED, SHIFT, WEAK, WORDS
@@ -49,10 +44,10 @@ def identifiability_page(made: Identified) -> VerdictPage:
         sections=(
             Section("verdicts", "Verdicts", _verdict_section(made)),
             Section("profiles", "Profiles", _profile_section(made)),
-            Section("coupling", "Coupling", coupling_section(made.found.coupling)),
-            Section("information", "Information", information_section(made.found.information)),
-            Section("local", "Sensitivities", local_section(made.found)),
-            Section("method", "Structure and method", method_section(made)),
+            Section("coupling", "Coupling", evidence_page.coupling_section(made.found.coupling)),
+            Section("information", "Information", evidence_page.information_section(made.found.information)),
+            Section("local", "Sensitivities", evidence_page.local_section(made.found)),
+            Section("method", "Structure and method", evidence_page.method_section(made)),
         ),
         version=made.record["versions"]["bayesterra"],
         template="identifiability.html",

@@ -351,6 +351,14 @@ def evidence(table: pd.DataFrame) -> list[Evidence]:
     return [Evidence(**dict(zip(names, row, strict=True))) for row in table[names].itertuples(index=False)]
 
 
+def judged(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with the verdict on each row's evidence, and ``against``: what speaks against it."""
+    facts = evidence(table)
+    words = [word(each) for each in facts]
+    against = ["; ".join(disagreements(*each)) for each in zip(facts, words, strict=True)]
+    return table.assign(verdict=words, against=against)
+
+
 def bound(draws: FloatArray, low: float, high: float) -> str:
     """Bounds of its prior that the draws (n,) of a parameter lean on, one of ``BOUNDS``.
 

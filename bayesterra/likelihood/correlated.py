@@ -59,11 +59,7 @@ class CorrelatedLikelihood(Likelihood):
 
     errors: ModelErrors = field(default_factory=ModelErrors)
     together: ClassVar[bool] = True
-
-    @property
-    def rows_apart(self) -> bool:
-        """No: a row's term is given all other rows."""
-        return False
+    rows_apart: ClassVar[bool] = False
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; with latent loads 0 where the lowest of the range has an answer."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.random import Generator
@@ -44,6 +44,7 @@ class JointPosterior:
 
     pooling: Pooling
     groups: Mapping[str, Posterior]
+    grouped: ClassVar[Literal[True]] = True
 
     @cached_property
     def first(self) -> Posterior:
@@ -92,11 +93,6 @@ class JointPosterior:
     def prior(self) -> JointPrior:
         """The stated prior of all parameters."""
         return JointPrior(self)
-
-    @property
-    def grouped(self) -> Literal[True]:
-        """True."""
-        return True
 
     @cached_property
     def places(self) -> tuple[IntArray, ...]:

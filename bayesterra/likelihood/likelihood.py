@@ -55,6 +55,8 @@ class Likelihood:
 
     together: ClassVar[bool] = False
     """Whether the readings of a row have one law together, in which rounding is one more error."""
+    rows_apart: ClassVar[bool] = True
+    """Whether rows are independent given the parameters, so that the log likelihood sums its terms."""
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -65,11 +67,6 @@ class Likelihood:
     def terms(self) -> tuple[str, ...]:
         """Terms that the log likelihood of a row is the sum of."""
         return ("readings",) if self.together else self.channels
-
-    @property
-    def rows_apart(self) -> bool:
-        """True where rows are independent given the parameters, so that the log likelihood sums its terms."""
-        return True
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -79,6 +79,7 @@ class Posterior:
     prior: Prior
     likelihood: Likelihood
     experiments: tuple[Experiment, ...] = ()
+    grouped: ClassVar[Literal[False]] = False
 
     @property
     def driven(self) -> bool:
@@ -94,11 +95,6 @@ class Posterior:
     def groups(self) -> Mapping[str, Posterior]:
         """The one group of a study without groups, which has no name."""
         return {"": self}
-
-    @property
-    def grouped(self) -> Literal[False]:
-        """False: one group, without a name."""
-        return False
 
     @property
     def places(self) -> tuple[IntArray, ...]:

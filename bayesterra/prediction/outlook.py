@@ -16,30 +16,11 @@ from numpy.typing import ArrayLike
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.errors import StudyError, check_kind, checked_path
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.models.statics import (
-    OUTCOMES,
-    SLIPS,
-    CurvedGround,
-    Greatest,
-    Ground,
-    Outcome,
-    State,
-    Sweep,
-    greatest,
-    states_at,
-    sweep,
-)
+from bayesterra.models import statics
+from bayesterra.models.statics import CurvedGround, Greatest, Ground, Outcome, State, Sweep, greatest
 from bayesterra.parameters import CHANNELS
-from bayesterra.prediction.prediction import (
-    UNANSWERED,
-    Condition,
-    error_remark,
-    name_of,
-    quantile_columns,
-    quantiles,
-    spread,
-    wheel_remarks,
-)
+from bayesterra.prediction import prediction
+from bayesterra.prediction.prediction import UNANSWERED, Condition, quantile_columns, quantiles
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.result import AnalysisResult, Result
@@ -169,7 +150,7 @@ class RoverOutlook(AnalysisResult):
 
     def _slips(self) -> Iterator[str]:
         low, high = self.driven
-        middle = [quantiles(self.asked.slip[:, i].max(axis=1))[2] for i in range(self.asked.slip.shape[1])]
+        middle = quantiles(self.asked.slip.max(axis=2))[2]
         beyond = [i for i, slip in enumerate(middle) if slip > high]
         if beyond:
             named = ", ".join(_place(self.asked, i) for i in (beyond if len(beyond) < 4 else beyond[:3]))
@@ -203,25 +184,24 @@ class RoverOutlook(AnalysisResult):
     @property
     def greatest_table(self) -> pd.DataFrame:
         """Quantiles of the greatest slope and tow force, at all slips and at the driven ones."""
-        rows = []
-        for name, unit, scale, peak, most in (
-            ("greatest_slope", "deg", DEGREE, self.slopes, "all"),
-            ("greatest_slope", "deg", DEGREE, self.slopes_driven, "driven"),
-            ("greatest_tow", "N", 1.0, self.tows, "all"),
-            ("greatest_tow", "N", 1.0, self.tows_driven, "driven"),
-        ):
-            rows.append(
-                {
-                    "quantity": name,
-                    "unit": unit,
-                    "slips": most,
-                    **quantile_columns(peak.value, scale),
-                    "at_slip_q50": quantiles(peak.slip)[2],
-                    "draws": len(peak.value),
-                    "no_answer": int(np.isnan(peak.value).sum()),
-                    "still_rising": int(peak.rising.sum()),
-                }
-            )
+        peaks = [
+            ("greatest_slope", "deg", DEGREE, {"all": self.slopes, "driven": self.slopes_driven}),
+            ("greatest_tow", "N", 1.0, {"all": self.tows, "driven": self.tows_driven}),
+        ]
+        rows = [
+            {
+                "quantity": name,
+                "unit": unit,
+                "slips": slips,
+                **quantile_columns(peak.value, scale),
+                "at_slip_q50": quantiles(peak.slip)[2],
+                "draws": len(peak.value),
+                "no_answer": int(np.isnan(peak.value).sum()),
+                "still_rising": int(peak.rising.sum()),
+            }
+            for name, unit, scale, by_slips in peaks
+            for slips, peak in by_slips.items()
+        ]
         return pd.DataFrame(rows)
 
     @property
@@ -244,7 +224,7 @@ class RoverOutlook(AnalysisResult):
             "draw": np.repeat(self.index[:, 1], k),
             "slope [deg]": _degrees(states.slope.ravel()),
             "tow [N]": states.tow.ravel(),
-            "outcome": [OUTCOMES[Outcome(int(code))] for code in states.outcome.ravel()],
+            "outcome": [statics.OUTCOMES[Outcome(int(code))] for code in states.outcome.ravel()],
         }
         for field, (name, scale, unit) in QUANTITIES.items():
             for axle, called in enumerate(AXLES):
@@ -386,13 +366,13 @@ def predict_rover(
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))
     alphas, pulls = checked_slopes(slopes), checked_tows(tows)
-    draws, index = spread(result, DRAWS)
+    draws, index = prediction.spread(result, DRAWS)
     ground: Ground = rover.on(study.prior.soil_values(draws), study.model)
     if study.errors.discrepancy:
         ground = _with_curves(study, rover, ground, draws)
-    sweeps = {tow: sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
-    pulled = sweep(rover, ground, len(draws), "tow")
-    states = [states_at(rover, ground, sweeps[tow], alphas) for tow in pulls]
+    sweeps = {tow: statics.sweep(rover, ground, len(draws), "slope", tow) for tow in dict.fromkeys((0.0, *pulls))}
+    pulled = statics.sweep(rover, ground, len(draws), "tow")
+    states = [statics.states_at(rover, ground, sweeps[tow], alphas) for tow in pulls]
     each = {of.name: [getattr(state, of.name) for state in states] for of in fields(State)}
     asked = State(**{name: np.concatenate(parts, axis=1) for name, parts in each.items()})
     steepest = max(alphas.max(), SLOPES[-1])
@@ -400,7 +380,7 @@ def predict_rover(
     driven = (float(rows.min()), float(rows.max()))
     return RoverOutlook(
         title=study.title, model=study.model.name, rover=rover, asked=asked,
-        over_slope=states_at(rover, ground, sweeps[pulls[0]], np.linspace(0.0, steepest, CURVE)),
+        over_slope=statics.states_at(rover, ground, sweeps[pulls[0]], np.linspace(0.0, steepest, CURVE)),
         over_tow=_over_tow(rover, ground, float(alphas[0]), pulls, pulled),
         slopes=greatest(rover, ground, sweeps[0.0]),
         slopes_driven=greatest(rover, ground, sweeps[0.0], driven[1]), tows=greatest(rover, ground, pulled),
@@ -433,8 +413,8 @@ def _with_curves(study: Study, rover: Rover, ground: Ground, draws: FloatArray) 
     target, curves, rng = posterior(study), {}, default_rng(CURVES)
     read, soil, values = target.likelihood, study.prior.soil_values(draws), target.noise_values(draws)
     for wheel in dict.fromkeys(rover.wheels):
-        drawn = read.beyond(soil, values, name_of(study, wheel), SLIPS, rng)
-        curves[wheel] = np.zeros((len(draws), len(SLIPS), len(RESPONSE)))
+        drawn = read.beyond(soil, values, prediction.name_of(study, wheel), statics.SLIPS, rng)
+        curves[wheel] = np.zeros((len(draws), len(statics.SLIPS), len(RESPONSE)))
         for i, name in enumerate(RESPONSE):
             if drawn is not None and name in read.channels:
                 curves[wheel][:, :, i] = drawn[:, :, read.channels.index(name)]
@@ -444,23 +424,23 @@ def _with_curves(study: Study, rover: Rover, ground: Ground, draws: FloatArray) 
 def _over_tow(rover: Rover, ground: Ground, slope: float, tows: FloatArray, flat: Sweep) -> State | None:
     if tows[-1] == 0:
         return None
-    traction = flat if slope == 0 else sweep(rover, ground, len(flat.held), "tow", slope)
-    return states_at(rover, ground, traction, np.linspace(0.0, tows[-1], CURVE))
+    traction = flat if slope == 0 else statics.sweep(rover, ground, len(flat.held), "tow", slope)
+    return statics.states_at(rover, ground, traction, np.linspace(0.0, tows[-1], CURVE))
 
 
 def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterator[str]:
     """Sentences on where loads, wheels and gravity leave what was measured, and on the model's own error."""
     for wheel in dict.fromkeys(rover.wheels) if study.errors.discrepancy else ():
-        yield error_remark(study, wheel)
-    middles = [quantiles(asked.load[:, i, axle])[2] for i in range(asked.load.shape[1]) for axle in (0, 1)]
-    ends, loads = measured_loads(study), np.array(middles)[np.isfinite(middles)]
+        yield prediction.error_remark(study, wheel)
+    ends, middles = measured_loads(study), quantiles(asked.load)[2]
+    loads = middles[np.isfinite(middles)]
     if ends and loads.size and not (0.999 * ends[0] <= loads.min() and loads.max() <= 1.001 * ends[1]):
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
         yield (
             f"wheel loads of {loads.min():.3g} to {loads.max():.3g} N leave the measured loads, {named} N: extrapolated"
         )
     for wheel in dict.fromkeys(rover.wheels):
-        yield from wheel_remarks(study, wheel, known=known)
+        yield from prediction.wheel_remarks(study, wheel, known=known)
     if rover.gravity is not None and abs(rover.gravity - EARTH) > 0.1:
         yield (
             f"the rover weighs {rover.weight:.4g} N under {rover.gravity:.3g} m/s²; the soil's parameters are"

@@ -18,31 +18,18 @@ from bayesterra.models.statics import Greatest, State
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
 from bayesterra.prediction.rover import AXLES
+from bayesterra.report import figures
 from bayesterra.report.blocks import Cell, Overview, Table, Text, records
-from bayesterra.report.figures import (
-    DATA,
-    GRID,
-    INK,
-    POSTERIOR,
-    PRIOR,
-    fan,
-    figure_of,
-    label,
-    literal,
-    new_figure,
-    own_axes,
-    styled,
-)
 from bayesterra.report.numbers import estimate, given, interval, resolution, rounded
 from bayesterra.report.numbers import share as percent
 
 DOUBTFUL = "#D55E00"
 """Colour of what cannot be relied on."""
 _EDGES = 0.03
-_PALE: dict[str, Any] = {"color": GRID, "alpha": 0.45, "linewidth": 0, "zorder": 0}
+_PALE: dict[str, Any] = {"color": figures.GRID, "alpha": 0.45, "linewidth": 0, "zorder": 0}
 
 
-@styled
+@figures.styled
 def prediction(curve: Prediction, quantity: str, ax: Axes | None = None, *, at: Prediction | None = None) -> Axes:
     """Draw one quantity of a prediction over slip.
 
@@ -55,26 +42,26 @@ def prediction(curve: Prediction, quantity: str, ax: Axes | None = None, *, at: 
 
     Grey ground: slips that were not driven. Hatched: more than 5 % of the draws have no answer.
     """
-    ax = own_axes(ax)
+    ax = figures.own_axes(ax)
     column, scale = list(PREDICTED).index(quantity), PREDICTED[quantity].scale
-    modelled, readings = bands(curve.modelled, column) / scale, bands(curve.readings, column) / scale
+    modelled, readings = (quantiles(of[:, :, column])[::2] / scale for of in (curve.modelled, curve.readings))
     for band, alpha in ((readings, 0.18), (modelled, 0.42)):
-        ax.fill_between(curve.slip, band[0], band[2], color=POSTERIOR, alpha=alpha, linewidth=0)
-    ax.plot(curve.slip, modelled[1], color=POSTERIOR)
+        ax.fill_between(curve.slip, band[0], band[2], color=figures.POSTERIOR, alpha=alpha, linewidth=0)
+    ax.plot(curve.slip, modelled[1], color=figures.POSTERIOR)
     if at is not None:
         noisy = at.modelled if np.isnan(at.readings[:, :, column]).all() else at.readings
-        low, middle, high = bands(noisy, column) / scale
+        low, middle, high = quantiles(noisy[:, :, column])[::2] / scale
         ax.errorbar(
-            at.slip, middle, yerr=np.stack([middle - low, high - middle]), fmt="o", color=DATA, markersize=3.5,
-            capsize=2.5, elinewidth=0.9, zorder=6,
+            at.slip, middle, yerr=np.stack([middle - low, high - middle]), fmt="o", color=figures.DATA,
+            markersize=3.5, capsize=2.5, elinewidth=0.9, zorder=6,
         )  # fmt: skip
     _limit(ax, modelled, readings)
     _ground(ax, curve)
-    ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(PREDICTED[quantity]))
+    ax.set(xlabel="slip ratio $s$ [–]", ylabel=figures.label(PREDICTED[quantity]))
     return ax
 
 
-@styled
+@figures.styled
 def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatArray:
     """Draw every quantity (columns) of some predictions (rows); returns the axes (cases, quantities).
 
@@ -82,23 +69,18 @@ def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatA
     ----------
     cases : per row the prediction on a slip grid, and at single slips where there is one.
     """
-    figure = new_figure(2.55 * len(PREDICTED), 2.35 * len(cases) + 0.75)
+    figure = figures.new_figure(2.55 * len(PREDICTED), 2.35 * len(cases) + 0.75)
     axes = np.asarray(figure.subplots(len(cases), len(PREDICTED), squeeze=False))
     for row, (curve, at) in zip(axes, cases, strict=True):
         for ax, quantity in zip(row, PREDICTED, strict=True):
             prediction(curve, quantity, ax, at=at)
             ax.set_title(PREDICTED[quantity].description, fontsize=9)
         row[0].annotate(
-            f"wheel {literal(curve.name)}, {curve.load:.4g} N", (0, 1), (0, 22), xycoords="axes fraction",
+            f"wheel {figures.literal(curve.name)}, {curve.load:.4g} N", (0, 1), (0, 22), xycoords="axes fraction",
             textcoords="offset points", fontsize=10, fontweight="bold",
         )  # fmt: skip
     _legend_of_bands(figure, cases)
     return axes
-
-
-def bands(values: FloatArray, column: int) -> FloatArray:
-    """5, 50 and 95 % of the draws that have an answer at each slip, (3, k)."""
-    return np.column_stack([quantiles(values[:, i, column])[[0, 2, 4]] for i in range(values.shape[1])])
 
 
 def _limit(ax: Axes, modelled: FloatArray, readings: FloatArray) -> None:
@@ -150,21 +132,21 @@ def _stretches(x: FloatArray, shares: FloatArray) -> list[tuple[float, float, fl
 
 def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Prediction | None]]) -> None:
     entries: list[Patch | Line2D] = [
-        Line2D([], [], color=POSTERIOR, label="median"),
-        Patch(color=POSTERIOR, alpha=0.5, label="90 %, without noise"),
-        Patch(color=POSTERIOR, alpha=0.18, label="90 %, with measurement noise"),
+        Line2D([], [], color=figures.POSTERIOR, label="median"),
+        Patch(color=figures.POSTERIOR, alpha=0.5, label="90 %, without noise"),
+        Patch(color=figures.POSTERIOR, alpha=0.18, label="90 %, with measurement noise"),
     ]
     if any(at is not None for _, at in cases):
-        entries.append(Line2D([], [], color=DATA, marker="o", markersize=3.5, label="asked-for slips, 90 %"))
+        entries.append(Line2D([], [], color=figures.DATA, marker="o", markersize=3.5, label="asked-for slips, 90 %"))
     if any(not c.driven[0] <= s <= c.driven[1] for c, _ in cases for s in c.slip[[0, -1]]):
-        entries.append(Patch(color=GRID, alpha=0.6, label="slip not driven"))
+        entries.append(Patch(color=figures.GRID, alpha=0.6, label="slip not driven"))
     if any(curve.marked for curve, _ in cases):
         entries.append(_hatched(DOUBTFUL, "over 5 % of draws without answer"))
-    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=INK)
+    figure.legend(handles=entries, loc="outside lower center", ncols=len(entries), labelcolor=figures.INK)
 
 
 def _hatched(colour: str, label: str) -> Patch:
-    return Patch(facecolor="none", edgecolor=colour, hatch="////", label=label)
+    return Patch(facecolor="none", edgecolor=colour, hatch="////", label=figures.label)
 
 
 def forecast_overview(forecast: Predicted) -> Overview:
@@ -239,12 +221,12 @@ def _remarks(at: Prediction) -> list[str]:
 
 
 REAR, BOTH = "#E69F00", "#009E73"
-COLOURS = (POSTERIOR, REAR)
+COLOURS = (figures.POSTERIOR, REAR)
 _LABELS = {"slip": "slip ratio $s$ [–]", "sinkage": "sinkage $z$ [mm]", "load": "load of a wheel [N]"}
 _STEPS = 200
 
 
-@styled
+@figures.styled
 def rover_outlook(outlook: RoverOutlook) -> FloatArray:
     """Draw slip, sinkage and wheel load over slope (first row) and tow force (second, if asked for).
 
@@ -254,7 +236,7 @@ def rover_outlook(outlook: RoverOutlook) -> FloatArray:
     that hold a slope or tow force at any slip, and at the driven ones only (dashed). Returns the axes.
     """
     rows = 1 if outlook.over_tow is None else 2
-    figure = new_figure(10.4, 2.5 * rows + 0.9)
+    figure = figures.new_figure(10.4, 2.5 * rows + 0.9)
     axes = np.asarray(figure.subplots(rows, 4, squeeze=False))
     _row(axes[0], outlook, outlook.over_slope, "slope")
     _chance(axes[0, 3], outlook.slopes, outlook.slopes_driven, DEGREE)
@@ -274,24 +256,19 @@ def _row(axes: FloatArray, outlook: RoverOutlook, states: State, over: str) -> N
         alike = field == "slip" and outlook.rover.equal_slip
         for axle in (1,) if alike else (0, 1):
             colour = BOTH if alike else COLOURS[axle]
-            _band_of_rover(ax, x, getattr(states, field)[:, :, axle] / QUANTITIES[field][1], colour)
+            levels = quantiles(getattr(states, field)[:, :, axle] / QUANTITIES[field][1])
+            figures.fan(ax, x, levels, colour, (0.2, 0.35))
+            ax.plot(x, levels[2], color=colour)
         if field == "slip":
-            ax.axhspan(outlook.driven[1], 1, color=GRID, alpha=0.45, linewidth=0, zorder=0)
-            ends = [quantiles(states.slip[:, i].max(axis=1))[4] for i in range(len(x))]
-            ax.set_ylim(0, float(np.nanmax(ends, initial=0.05)))
+            ax.axhspan(outlook.driven[1], 1, color=figures.GRID, alpha=0.45, linewidth=0, zorder=0)
+            ax.set_ylim(0, float(np.nanmax(quantiles(states.slip.max(axis=2))[4], initial=0.05)))
         else:
             ax.set_ylim(0, None)
         ax.set(xlabel="slope α [°]" if over == "slope" else "tow force [N]", ylabel=title, xlim=(x[0], x[-1]))
         ax.set_title(fixed, fontsize=8.5)
         ax.set_ylim(top=1.12 * ax.get_ylim()[1])
         hatch_failing(ax, x, cannot(states))
-        hatch_failing(ax, x, unanswered(states), PRIOR)
-
-
-def _band_of_rover(ax: Axes, x: FloatArray, values: FloatArray, colour: str) -> None:
-    levels = np.column_stack([quantiles(values[:, i]) for i in range(len(x))])
-    fan(ax, x, levels, colour, (0.2, 0.35))
-    ax.plot(x, levels[2], color=colour)
+        hatch_failing(ax, x, unanswered(states), figures.PRIOR)
 
 
 def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float) -> None:
@@ -300,7 +277,7 @@ def _chance(ax: Axes, overall: Greatest, driven: Greatest, scale: float) -> None
     x = np.linspace(0, 1.05 * max(float(values.max()), 1e-9), _STEPS)
     for peak, line in ((overall, "-"), (driven, "--")):
         least = np.nan_to_num(peak.value, nan=-np.inf) / scale
-        ax.plot(x, (least >= x[:, None]).mean(axis=1), color=DATA, linestyle=line)
+        ax.plot(x, (least >= x[:, None]).mean(axis=1), color=figures.DATA, linestyle=line)
     ax.set(xlim=(0, x[-1]), ylim=(0, 1.03))
 
 
@@ -308,19 +285,19 @@ def _legend(axes: FloatArray, outlook: RoverOutlook) -> None:
     entries: list[Line2D | Patch] = [
         *([Line2D([], [], color=BOTH, label="all wheels")] if outlook.rover.equal_slip else []),
         *(Line2D([], [], color=c, label=f"{axle} axle") for c, axle in zip(COLOURS, AXLES, strict=True)),
-        Patch(color=INK, alpha=0.5, label="50 %"),
-        Patch(color=INK, alpha=0.2, label="90 % of the draws that hold"),
-        Line2D([], [], color=DATA, linestyle="--", label="at driven slips"),
-        Patch(color=GRID, alpha=0.6, label="slip not driven"),
+        Patch(color=figures.INK, alpha=0.5, label="50 %"),
+        Patch(color=figures.INK, alpha=0.2, label="90 % of the draws that hold"),
+        Line2D([], [], color=figures.DATA, linestyle="--", label="at driven slips"),
+        Patch(color=figures.GRID, alpha=0.6, label="slip not driven"),
     ]
     curves = [outlook.over_slope, *([] if outlook.over_tow is None else [outlook.over_tow])]
     for shares, colour, title in (
         (cannot, DOUBTFUL, "over 5 % of draws do not hold"),
-        (unanswered, PRIOR, "over 5 % without answer"),
+        (unanswered, figures.PRIOR, "over 5 % without answer"),
     ):
         if any((shares(curve) > UNANSWERED).any() for curve in curves):
             entries.append(_hatched(colour, title))
-    figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=INK)
+    figures.figure_of(axes).legend(handles=entries, loc="outside lower center", ncols=5, labelcolor=figures.INK)
 
 
 def rover_overview(outlook: RoverOutlook) -> Overview:

@@ -16,7 +16,7 @@ from numpy.random import default_rng
 from numpy.typing import ArrayLike
 from typing_extensions import TypedDict
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
 from bayesterra.errors import StudyError, check_kind, check_seed, enumerated
 from bayesterra.likelihood.forward import Forward, derive_for, load_of
 from bayesterra.likelihood.posterior import REASONS, posterior
@@ -310,9 +310,8 @@ class Forecast(Predicted):
 
 
 def quantiles(values: FloatArray) -> FloatArray:
-    """Quantiles ``results.CURVE_QUANTILES`` of the finite ones among ``values`` (n,), NaN where none is."""
-    answered = values[np.isfinite(values)]
-    return np.quantile(answered, CURVE_QUANTILES) if answered.size else np.full(len(CURVE_QUANTILES), np.nan)
+    """Quantiles ``results.CURVE_QUANTILES`` (5, ...) of the finite ones among draws (n, ...), NaN where none is."""
+    return answered_quantiles(values, CURVE_QUANTILES)
 
 
 def quantile_columns(values: FloatArray, scale: float, prefix: str = "") -> dict[str, float]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayesterra.arrays import FloatArray, IntArray
-from bayesterra.follow.particles import Levels, Particles, learn, settled
+from bayesterra.follow.particles import Levels, Particles, learn
 from bayesterra.sampling.coordinates import Coordinates
 from tests.support.plain import plain_coordinates
 
@@ -101,7 +101,7 @@ def followed(line: Line, order: IntArray, particles: int, seed: int) -> tuple[Pa
         cloud, total = learned.particles, total + learned.log_predictive
         variance, events = variance + learned.variance, events + len(learned.rejuvenations)
         assert np.allclose(cloud.log_likelihood, part.terms(cloud.x).sum(axis=1))
-    return cloud, total, float(np.sqrt(variance + settled(cloud))), events
+    return cloud, total, float(np.sqrt(variance + cloud.variance)), events
 
 
 @pytest.mark.parametrize(("bent", "backwards"), [(False, False), (False, True), (True, False)])
