@@ -1,7 +1,7 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
-Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-both-discrepancy, m2-noise-halved,
-m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case takes its replications
+Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-both-discrepancy, m2-soil-tests,
+m2-noise-halved, m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case takes its replications
 one by one in this process, those of groups and of latent loads in a process for each processor, goes on
 where an interrupted run ended, and leaves its ranks, record and report in a folder of its name, and the
 memory of this process in ``memory.csv`` there.
@@ -53,6 +53,8 @@ DOF, SLIP_ERROR = 3.0, 0.02
 """Of the noise, and standard deviation of the slips, in the cases with heavy tails."""
 EXPONENT = {"dist": "norm", "loc": 0.8, "scale": 0.1, "lower": 0.3, "upper": 1.3}
 MODULUS = {"dist": "norm", "loc": "11 mm", "scale": "3 mm", "lower": "3 mm", "upper": "40 mm"}
+PATHS_MM = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Sinkages of plates and displacements of rings, mm."""
 CORRELATION = 0.8
 """Prior correlation of c and φ in the cases with groups."""
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
@@ -146,6 +148,31 @@ def heavy_tails(*, known: bool = True) -> bt.Study:
     )
 
 
+def with_soil_tests() -> bt.Study:
+    """Three slips of a wheel, three plates and two rings on one soil, which share n0, φ and K."""
+    wheel = pd.DataFrame({"slip": BOTH_SLIPS[:3], "load [N]": 80.0, "sinkage [mm]": 5.0, "drawbar_pull [N]": 10.0})
+    depth, turn = (pd.DataFrame({name: PATHS_MM}) for name in ("sinkage [mm]", "displacement [mm]"))
+    plates = [depth.assign(test=str(d), **{"plate_diameter [mm]": d, "pressure [kPa]": 1.0}) for d in (60, 80, 100)]
+    rings = [turn.assign(test=str(s), **{"normal_stress [kPa]": s, "shear_stress [kPa]": 1.0}) for s in (5, 10)]
+    known = {"memory": 2.0, "seating": "0.1 mm", "sinkage_offset": "0 mm"}
+    held = {"kc": 0.0, "kphi": ABOUT_WH32["Ks"], **{name: ABOUT_WH32[name] for name in ("n1", "c", "c1", "c2")}}
+    return bt.Study(
+        wheel,
+        {"Wh32": WHEEL},
+        title="Calibration of a wheel, plates and rings in one posterior",
+        model="M2",
+        slip_reference="shearing",
+        kind="simulated",
+        source="studies/calibration/run.py",
+        noise={name: NOISE[name] for name in ("sinkage", "drawbar_pull")},
+        priors={**held, "n0": EXPONENT, "phi": FRICTION, "K": MODULUS},
+        soil_tests={
+            "plates": {"test": "plate", "table": pd.concat(plates), "tie": {"n": "n0"}, "noise": known},
+            "rings": {"test": "shear", "table": pd.concat(rings), "noise": {"scatter": 0.1, "memory": 2.0}},
+        },
+    )
+
+
 @dataclass(frozen=True)
 class NoiseHalved:
     """A wrong posterior: it believes in half of the noise that the readings have."""
@@ -236,10 +263,13 @@ class Case(NamedTuple):
     groups: bool = False
     latent: bool = False
     tails: bool = False
+    tests: bool = False
 
     @property
     def study(self) -> bt.Study:
         """What is calibrated."""
+        if self.tests:
+            return with_soil_tests()
         if self.latent or self.tails:
             return latent_loads() if self.latent else heavy_tails()
         return groups() if self.groups else study(self.model, self.noise, intervals=self.intervals)
@@ -252,6 +282,7 @@ CASES = {
     "m2-groups": Case("M2", 200, groups=True),
     "m2-both-discrepancy": Case("M2", 200, latent=True),
     "m2-slip-student": Case("M2", 200, tails=True),
+    "m2-soil-tests": Case("M2", 200, tests=True),
     "m2-noise-halved": Case("M2", 20, NoiseHalved()),
     "m2-jacobian-dropped": Case("M2", 80, JacobianDropped(), noise=4.0),
     "m2-rounding-ignored": Case("M2", 40, RoundingIgnored(), intervals=True),
