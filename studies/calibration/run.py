@@ -1,8 +1,8 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
 Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-both-discrepancy, m2-soil-tests,
-m2-noise-halved, m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case takes its replications
-one by one in this process, those of groups and of latent loads in a process for each processor, goes on
+m2-noise-halved, m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case takes its
+replications one by one in this process, those of groups and of latent loads in a process for each processor, goes on
 where an interrupted run ended, and leaves its ranks, record and report in a folder of its name, and the
 memory of this process in ``memory.csv`` there.
 """

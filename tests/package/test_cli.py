@@ -215,6 +215,7 @@ def test_commented_lines_of_the_template_are_good_too(tmp_path: Path) -> None:
     text = file.read_text()
     first, rest = text.split("# [[priors.from]]")
     earlier, rest = rest.split("# [pooling]")
+    earlier, tests = earlier.split("# [soil_tests.plates]")
     pooling, last = ("# [pooling]" + rest).split("[least_squares]")
 
     file.write_text(_switched_on(first + "[least_squares]" + last))
@@ -224,6 +225,9 @@ def test_commented_lines_of_the_template_are_good_too(tmp_path: Path) -> None:
     assert study.least_squares.hold == {"Ks": 2.5e6}
     file.write_text(first + _switched_on(pooling).replace('"wheel"', '"run"', 1) + "[least_squares]" + last)
     assert load_study(file).pooling is not None
+    (tmp_path / "plates.csv").write_text("test,plate_diameter [mm],sinkage [mm],force [N]\na,60,2,20\na,60,5,50\n")
+    file.write_text(_switched_on(first + "# [soil_tests.plates]" + tests + "[least_squares]" + last))
+    assert load_study(file).soil_tests["plates"].soil == ("kc", "kphi", "n0")
     file.write_text(first + _switched_on("# [[priors.from]]" + earlier) + "\n[least_squares]" + last)
     with pytest.raises(StudyError, match=r"\[priors.from\].*other-result"):
         load_study(file)
