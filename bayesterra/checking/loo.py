@@ -133,13 +133,6 @@ Level = tuple[int, ...]
 """Places of rows among those in the fit."""
 
 
-def leave_one_out(
-    posterior: Posterior, draws: FloatArray, seed: SeedSequence, few_rows: int = FEW_ROWS
-) -> CrossValidation:
-    """Leave every row out once, see :func:`cross_validate`."""
-    return cross_validate(posterior, draws, seed, {}, few_rows)[0]
-
-
 def cross_validate(
     posterior: Posterior,
     draws: FloatArray,

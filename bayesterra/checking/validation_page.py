@@ -275,32 +275,17 @@ def _part(curve: Missed, stretch: Stretch) -> Markup:
     scale = CHANNELS[curve.channel].scale
     least, most = (plain(abs(value) / scale, 2) for value in (stretch.least, stretch.most))
     size = amount(curve.channel, most if least == most else f"{least} to {most}")
-    side = "too low" if stretch.most > 0 else "too high"
-    whole = (stretch.low <= curve.slip[0], stretch.high >= curve.slip[-1])
-    where = {
-        (True, True): "at all driven slips",
-        (True, False): f"up to slip {stretch.high:.2g}",
-        (False, True): f"from slip {stretch.low:.2g} on",
-        (False, False): f"between slips {stretch.low:.2g} and {stretch.high:.2g}",
-    }[whole]
-    return Markup("{} {} {}").format(size, side, where)
+    return say("stretch", size, stretch, stretch.low <= curve.slip[0], stretch.high >= curve.slip[-1])
 
 
 def _trades(curves: list[Missed], *, several: bool) -> tuple[Text, ...]:
     """Text on shapes where discrepancy and parameters cannot be told apart."""
-    shares = []
-    for curve in curves:
-        for trade in curve.trades:
-            of = Markup(" of {}").format(curve.wheel) if several else Markup("")
-            shares.append(
-                Markup("{} of <i>δ</i>({}){}, {:.0f} % (most with {}, correlation {})").format(
-                    trade.shape, symbol(curve.channel), of, 100 * trade.share, symbol(trade.parameter),
-                    number(trade.correlation, 2),
-                )
-            )  # fmt: skip
-    if not shares:
-        return ()
-    return (Text(say("trades", shares), "bad"),)
+    shares = [
+        say("trade", trade, curve.channel, curve.wheel if several else "", number(trade.correlation, 2))
+        for curve in curves
+        for trade in curve.trades
+    ]
+    return (Text(say("trades", shares), "bad"),) if shares else ()
 
 
 @styled

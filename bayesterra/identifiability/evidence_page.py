@@ -61,12 +61,17 @@ def _verdicts(result: Result) -> Table:
 
 def _groups(directions: Mapping[str, Any]) -> Blocks:
     """Counts per group, and what the design cannot see; nothing where an older version did not count."""
-    rows = tuple(count_row(row) for row in directions.get("groups", ()))
-    header = ("group", "others", "determined", "effective", "by the cut")
-    table = (Table(say("groups"), "llrrr", header, rows),) if rows else ()
+    rows = directions.get("groups", ())
+    table = (count_table(rows),) if rows else ()
     unseen = directions.get("unseen", ())
     said = (in_symbols(f"{words[:1].upper()}{words[1:]}.") for words in unseen)
     return (*table, *(Text(Markup("By the design: {}").format(words)) for words in said))
+
+
+def count_table(counts: Iterable[Mapping[str, Any]]) -> Table:
+    """What is determined of each group and of all parameters, see :func:`count_row`."""
+    header = ("group", "others", "determined", "effective", "by the cut")
+    return Table(say("groups"), "llrrr", header, tuple(map(count_row, counts)))
 
 
 def count_row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
@@ -192,10 +197,7 @@ def _between(coupling: Coupling) -> Table:
 def information_section(information: Information) -> Blocks:
     """Section on what the data contract, of parameters and of directions of the groups."""
     bars = drawing(contraction_bars(information), "Contraction of every parameter by the data and by the cut")
-    rows = tuple(map(count_row, records(information.counts)))
-    header = ("group", "others", "determined", "effective", "by the cut")
-    table = Table(say("groups"), "llrrr", header, rows)
-    return (table, Gallery("half", (bars,), say("information")))
+    return (count_table(records(information.counts)), Gallery("half", (bars,), say("information")))
 
 
 def local_section(analysis: Analysis) -> Blocks:

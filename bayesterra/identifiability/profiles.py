@@ -13,7 +13,7 @@ are followed to where 1e-4 of their probability is left.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -252,15 +252,11 @@ def profiles(
         starts = np.vstack([starts, traces.best[0]])
         traces = trace(target, starts, levels=levels, rng=rng, engine=engine)
     by_kind[KINDS[1]] = _Found.of(posterior.names, KINDS[1], target, traces, beforehand)
+    told = {of.name: {kind: getattr(each, of.name) for kind, each in by_kind.items()} for of in fields(_Found)}
     return Profiles(
-        posterior.names,
-        {kind: each.profiles for kind, each in by_kind.items()},
-        {kind: each.best for kind, each in by_kind.items()},
-        {kind: each.log_density for kind, each in by_kind.items()},
-        {kind: each.gain for kind, each in by_kind.items()},
-        prior_draws.std(axis=0),
-        scaled.ends,
-    )
+        posterior.names, told["profiles"], told["best"], told["log_density"], told["gain"],
+        prior_draws.std(axis=0), scaled.ends,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -179,13 +179,6 @@ class CorrelatedLikelihood(Likelihood):
             return known.imagined(soil, noise_values, rng)
         return self._drawn(soil, noise_values, rng, conditioned=False)
 
-    def discrepancy(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray:
-        """Draw the discrepancy (n, m, k) at the rows given the readings; NaN where there is no answer."""
-        discrepancies = np.full((len(soil), *self.measured.shape), np.nan)
-        for good, law in self._laws(soil, noise_values):
-            discrepancies[good] = law.draw(self.measured, rng).discrepancy
-        return discrepancies
-
     def ahead(
         self, soil: FloatArray, noise_values: FloatArray, targets: BoolArray, rng: Generator
     ) -> tuple[FloatArray, FloatArray]:

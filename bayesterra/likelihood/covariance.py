@@ -8,7 +8,7 @@ that all of them are factorised at once for any number of parameter sets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -145,9 +145,9 @@ def stacks(
     holds where conditions have errors.
     """
     groups: dict[tuple[object, ...], list[Pair]] = {}
-    sweep, place = sweeps(rows), _placed(errors, tied=tied)
+    sweep = sweeps(rows)
     for i, column in np.argwhere(conditioned):
-        key = place(channels[column], int(i), rows.wheel[i], sweep[i])
+        key = _block(errors, channels[column], int(i), rows.wheel[i], sweep[i], tied=tied)
         groups.setdefault(key, []).append((int(i), int(column)))
     alone = [pair for key, pairs in groups.items() if key[-1] == "alone" for pair in pairs]
     blocks = [pairs for key, pairs in groups.items() if key[-1] != "alone"]
@@ -164,18 +164,14 @@ def stacks(
     return stacked
 
 
-def _placed(errors: ModelErrors, *, tied: bool) -> Callable[[str, int, str, object], tuple[object, ...]]:
+def _block(errors: ModelErrors, channel: str, row: int, wheel: str, sweep: object, *, tied: bool) -> tuple[object, ...]:
     """To which block a reading belongs."""
-
-    def place(channel: str, row: int, wheel: str, sweep: object) -> tuple[object, ...]:
-        own = ("" if tied else channel,)
-        if errors.discrepancy if tied else channel in errors.discrepancy:
-            return (*own, wheel, "wheel")
-        if errors.ripple if tied else channel in errors.ripple:
-            return (*own, sweep, "sweep")
-        return (*own, row, "row" if tied else "alone")
-
-    return place
+    own = ("" if tied else channel,)
+    if errors.discrepancy if tied else channel in errors.discrepancy:
+        return (*own, wheel, "wheel")
+    if errors.ripple if tied else channel in errors.ripple:
+        return (*own, sweep, "sweep")
+    return (*own, row, "row" if tied else "alone")
 
 
 def _terms(

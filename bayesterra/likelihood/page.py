@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -98,20 +97,8 @@ def _model(study: Study) -> Markup:
 def _errors(study: Study) -> tuple[Text, ...]:
     """Discrepancy, ripple and slip errors in words, where there are any."""
     errors = study.errors
-    discrepancy = listed(
-        Markup("{} (sd {}, over slips of {:g}{})").format(
-            symbol(error.channel), _size(error.channel, error.size), error.length,
-            "" if error.kernel == "smooth" else ", Matérn 5/2",
-        )
-        for error in errors.discrepancy.values()
-    )  # fmt: skip
-    ripple = listed(
-        Markup("{} (sd {}, correlation falling to 1/e over {:g} rows{})").format(
-            symbol(error.channel), _size(error.channel, error.size), error.memory,
-            "" if math.isinf(error.period) else f", crests {error.period:g} rows apart",
-        )
-        for error in errors.ripple.values()
-    )  # fmt: skip
+    discrepancy = listed(say("discrepancy", e, _size(e.channel, e.size)) for e in errors.discrepancy.values())
+    ripple = listed(say("ripple", e, _size(e.channel, e.size)) for e in errors.ripple.values())
     slip = "" if errors.slip is None else _size("slip", errors.slip.size)
     text = say("errors", discrepancy, ripple, slip, bool(errors) and study.load_range is not None)
     return (Text(text),) if text else ()

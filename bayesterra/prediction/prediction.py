@@ -203,13 +203,8 @@ class Prediction(Predicted):
     def at(self, slip: FloatArray) -> Prediction:
         """The same prediction at some of its slips only."""
         keep = np.isin(self.slip, slip)
-        return replace(
-            self,
-            slip=self.slip[keep],
-            modelled=self.modelled[:, keep],
-            readings=self.readings[:, keep],
-            reasons=self.reasons[:, keep],
-        )
+        parts = {name: getattr(self, name)[:, keep] for name in ("modelled", "readings", "reasons")}
+        return replace(self, slip=self.slip[keep], **parts)
 
     @property
     def unanswered(self) -> FloatArray:

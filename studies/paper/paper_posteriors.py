@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.loo import CrossValidation, leave_one_out
+from bayesterra.checking.loo import CrossValidation, cross_validate
 from bayesterra.least_squares.results import locate
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
@@ -101,6 +101,6 @@ def infer(study: bt.Study, seed: int = 1, *, loo: bool = True) -> Found:
         density.log_density(kept.flat),
         find_mode(density, kept.spaced(4000)).x,
         evidence(Target(density, samples.coordinates).densities, laws, default_rng(weighing)),
-        leave_one_out(density, kept.flat, leaving) if loo else None,
+        cross_validate(density, kept.flat, leaving, {})[0] if loo else None,
         samples.diagnosis.converged,
     )

@@ -11,7 +11,7 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp, ndtr
 
 from bayesterra.arrays import FloatArray
-from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, difference, leave_one_out
+from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, cross_validate, difference
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import normalised, pareto_limit, pareto_smoothed, systematic
@@ -82,7 +82,7 @@ def grid(study: Study) -> Grid:
 def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
     """With few rows every row is sampled anew, and its elpd is that of the grid within its small error."""
     density = posterior(study)
-    found = leave_one_out(density, draws_of(density), SeedSequence(1))
+    found = cross_validate(density, draws_of(density), SeedSequence(1), {})[0]
     assert all(row.refitted for row in found.rows)
     errors = np.array([row.error for row in found.rows])
     assert (errors < 0.05).all()
@@ -96,7 +96,7 @@ def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
 def test_weights_do_where_k_allows_and_only_there(study: Study, grid: Grid) -> None:
     """Told that six rows are many, it samples anew where k̂ is high, at the outlier, and is right."""
     density = posterior(study)
-    found = leave_one_out(density, draws_of(density), SeedSequence(1), few_rows=2)
+    found = cross_validate(density, draws_of(density), SeedSequence(1), {}, few_rows=2)[0]
     limit = pareto_limit(4000)
     assert [row.refitted for row in found.rows] == [not row.k <= limit for row in found.rows]
     assert {row.refitted for row in found.rows} == {True, False}
@@ -106,7 +106,7 @@ def test_weights_do_where_k_allows_and_only_there(study: Study, grid: Grid) -> N
 def test_pit_is_what_the_other_rows_predict(study: Study, grid: Grid) -> None:
     """PIT values of weighted and of newly sampled rows are those of the grid."""
     density = posterior(study)
-    found = leave_one_out(density, draws_of(density), SeedSequence(1), few_rows=2).pit
+    found = cross_validate(density, draws_of(density), SeedSequence(1), {}, few_rows=2)[0].pit
     expected = np.array([grid.pit(i) for i in range(6)])
     for c, name in enumerate(density.likelihood.channels):
         np.testing.assert_allclose(found[name], expected[:, c], atol=0.03)
@@ -117,7 +117,7 @@ def test_a_row_is_left_out_with_all_its_readings(make_study: MakeStudy, make_tab
     table = noisy(make_table(), 2)
     table.loc[2, ["sinkage [m]", "resistance_moment [N m]"]] = np.nan
     density = posterior(make_study(data=table, free=("c", "phi"), priors=PRIORS))
-    found = leave_one_out(density, draws_of(density), SeedSequence(1), few_rows=2)
+    found = cross_validate(density, draws_of(density), SeedSequence(1), {}, few_rows=2)[0]
     assert [row.row for row in found.rows] == [1, 2, 3, 4, 5, 6]
     assert np.isnan(found.pit["sinkage"][2])
     assert 0 < found.pit["drawbar_pull"][2] < 1
@@ -131,7 +131,7 @@ def test_latent_loads_have_no_pit(make_study: MakeStudy, make_table: MakeTable) 
     )
     x = draw_cut_prior(density, 3000, default_rng(1)).x
     draws = x[systematic(normalised(density.log_terms(x).sum(axis=(1, 2))), 1000, default_rng(2))]
-    found = leave_one_out(density, draws, SeedSequence(1), few_rows=2)
+    found = cross_validate(density, draws, SeedSequence(1), {}, few_rows=2)[0]
     assert found.pit == {}
     rows = density.log_terms(x).sum(axis=2)
     for i in range(3):
@@ -212,6 +212,6 @@ def test_rows_left_out_have_their_numbers_in_the_table(make_study: MakeStudy, ma
     table = noisy(make_table(), 2).assign(use=[1, 1, 0, 1, 1, 1])
     density = posterior(make_study(data=table, free=("c", "phi"), priors=PRIORS))
     draws = np.array([268.0, 0.511]) + np.array([5.0, 0.002]) * default_rng(1).standard_normal((400, 2))
-    found = leave_one_out(density, draws, SeedSequence(1), few_rows=1)
+    found = cross_validate(density, draws, SeedSequence(1), {}, few_rows=1)[0]
     assert [row.row for row in found.rows] == [1, 2, 4, 5, 6]
     np.testing.assert_allclose(found.full, density.log_terms(draws).sum(axis=2).mean(axis=0), atol=0.2)

@@ -15,7 +15,7 @@ from scipy.stats import kstest, multivariate_normal
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.checking.calibration import replicated
 from bayesterra.checking.folds import predictives
-from bayesterra.checking.loo import leave_one_out
+from bayesterra.checking.loo import cross_validate
 from bayesterra.checking.predictive import Modelled, ReplicateOptions, predict_curves, predict_rows
 from bayesterra.checking.predictive_checks import predictive_checks
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
@@ -74,7 +74,7 @@ def test_leave_one_out_is_that_of_the_joint_law(few_rows: int) -> None:
     whole = laws[0].known
     w = weights(density, log_densities(laws, whole))
     x = default_rng(1).choice(ANGLES, size=(4000, 1), p=w) + default_rng(2).uniform(-1, 1, (4000, 1)) * 9e-4
-    found = leave_one_out(density, x, SeedSequence(1), few_rows=few_rows)
+    found = cross_validate(density, x, SeedSequence(1), {}, few_rows=few_rows)[0]
     for i, row in enumerate(found.rows):
         mine = whole[whole // 3 == i]
         left = log_densities(laws, np.setdiff1d(whole, mine))
