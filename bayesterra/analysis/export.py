@@ -17,7 +17,6 @@ from markupsafe import Markup
 
 from bayesterra.checking.levels import scope
 from bayesterra.errors import ResultError
-from bayesterra.likelihood.page import noise_text, stated_law
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Cell, Gallery, Overview, Table, Text
 from bayesterra.report.figures import pdf, svg, white_png
@@ -180,6 +179,8 @@ def references() -> str:
 
 def methods_text(result: Result) -> str:
     """What was done and what came out, in words for a manuscript."""
+    from bayesterra.likelihood.page import noise_text, stated_law
+
     study, rows = result.study, result.study.observations.used()
     entries = study.prior.entries
     laws = {name: stated_law(name, entry) for name, entry in entries.items()}

@@ -25,7 +25,6 @@ from bayesterra.checking.predictive import (
 )
 from bayesterra.checking.soil_tests import new_tests
 from bayesterra.checking.validation import Validation, validate
-from bayesterra.design.recommendation import QUICK, next_drive
 from bayesterra.errors import check_kind, check_seed
 from bayesterra.identifiability import analysis as identifiability_analysis
 from bayesterra.identifiability import structure as structures
@@ -179,9 +178,7 @@ class Analysis:
         checked, tested, following = Validation(None, None, None), None, None
         if self.posterior.driven:
             checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
-            following = failures.attempt(
-                "next", lambda: next_drive(self.study, self.posterior, self.kept.spaced(QUICK), planning), lambda: None
-            )
+            following = failures.attempt("next", lambda: self.next_drive(planning), lambda: None)
         if self.posterior.experiments:
             tested = failures.attempt("left_out", lambda: new_tests(self.posterior, draws_of, testing), lambda: None)
         findings = {
@@ -260,6 +257,12 @@ class Analysis:
             self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
             self.failures.attempt("curves", curves, lambda: None) if self.posterior.driven else None,
         )  # fmt: skip
+
+    def next_drive(self, seed: SeedSequence) -> dict[str, Any] | None:
+        """Record of the drive that would tell most."""
+        from bayesterra.design.recommendation import QUICK, next_drive
+
+        return next_drive(self.study, self.posterior, self.kept.spaced(QUICK), seed)
 
     def other_noise(self, rng: Generator) -> dict[str, Redrawn]:
         """Draws of the posteriors with half and with double the stated noise; none where all is estimated."""

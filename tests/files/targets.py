@@ -164,7 +164,7 @@ def soiltest(data: bytes) -> None:
             (inner / "copy").mkdir()
             write_study(test, inner / "copy")
             try:
-                again = load_soil_test(inner / "copy")
+                again = load_study(inner / "copy")
             except BayesterraError as error:
                 raise FailureError(f"its copy cannot be read: {error}") from error
             series = [next(iter(each.soil_tests.values())).readings for each in (again, test)]
