@@ -10,7 +10,7 @@ import pytest
 
 from bayesterra.analysis import inference
 from bayesterra.analysis.run import load_result, run_prior_study, run_study
-from bayesterra.checking import validation
+from bayesterra.checking import predictive_checks, validation
 from bayesterra.errors import ResultError
 from bayesterra.report.terminal import show
 from bayesterra.report.verdicts import PARTS, Failures, failed, failures_of
@@ -30,8 +30,8 @@ BROKEN = {
     "curves": (inference, "predict_curves"),
     "standings": (inference, "locate"),
     "identifiability": (inference, "identifiability"),
-    "predictive_checks": (validation, "predictive_checks"),
-    "prior_checks": (validation, "prior_checks"),
+    "predictive_checks": (predictive_checks, "predictive_checks"),
+    "prior_checks": (predictive_checks, "prior_checks"),
     "loo": (validation, "cross_validate"),
     "derived": (summary, "derive"),
 }
