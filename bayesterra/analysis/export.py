@@ -19,14 +19,12 @@ from bayesterra.checking.levels import scope
 from bayesterra.errors import ResultError
 from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.blocks import Cell, Gallery, Overview, Table, Text
-from bayesterra.report.figures import pdf, svg, white_png
 from bayesterra.report.sections import render
 from bayesterra.runtime.tables import Record, csv_text
 from bayesterra.stats.laws import Law
 from bayesterra.study.result import AnalysisResult, Result
 
-FIGURES = {"svg": svg, "pdf": pdf, "png": white_png}
-KINDS = {"figures": (*FIGURES,), "tables": ("latex", "csv"), "to": ("csv", "json")}
+KINDS = {"figures": ("svg", "pdf", "png"), "tables": ("latex", "csv"), "to": ("csv", "json")}
 """Options, and the formats that each may name."""
 _LETTERS = (
     "αalpha βbeta γgamma δdelta ηeta θtheta κkappa λlambda μmu νnu ρrho σsigma τtau φvarphi χchi ψpsi ωomega ΔDelta"
@@ -84,6 +82,9 @@ class Export(AnalysisResult):
 
     def figures(self) -> Mapping[str, bytes]:
         """Every file that was asked for, by its name."""
+        from bayesterra.report.figures import pdf, svg, white_png
+
+        drawing = {"svg": svg, "pdf": pdf, "png": white_png}
         contents: dict[str, bytes | str] = {}
         for name, block in self.numbered.items():
             if isinstance(block, Table):
@@ -94,7 +95,7 @@ class Export(AnalysisResult):
             for letter, picture in zip("abcdefghijklmnopqrstuvwxyz", block.pictures, strict=False):
                 part = name + letter * (len(block.pictures) > 1)
                 for kind in self.asked.get("figures", ()):
-                    contents[f"{part}.{kind}"] = FIGURES[kind](picture.drawn)
+                    contents[f"{part}.{kind}"] = drawing[kind](picture.drawn)
         contents |= {"methods.txt": methods_text(self.result)} if self.methods else {}
         contents |= {"references.bib": references()} if self.bibtex else {}
         draws = {"csv": lambda: csv_text(self.result.to_dataframe()), "json": lambda: _as_json(self.result)}

@@ -364,7 +364,8 @@ def _files(kind: type[Result], folder: Path) -> tuple[str, ...]:
     """Files that a folder must hold, and tables of soil tests that it holds; few are about wheels."""
     tables, extra = (f"{name}.csv" for name in kind.TABLES), (f"{name}.csv" for name in ("new_tests", "bands"))
     held = [name for name in extra if (folder / name).is_file()]
-    idle = ("measurements.csv", "predictive.csv") if held and not (folder / "measurements.csv").is_file() else ()
+    alone = any(folder.glob("soil-test-*.csv")) and not (folder / "measurements.csv").is_file()
+    idle = ("measurements.csv", "predictive.csv") if alone else ()
     return tuple(n for n in (DRAWS, RECORD, "study.toml", "measurements.csv", *tables, *held) if n not in idle)
 
 

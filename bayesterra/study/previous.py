@@ -23,7 +23,7 @@ from scipy.special import ndtr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, did_you_mean, errors_after
-from bayesterra.parameters import PARAMETERS, PRIOR_PARAMETERS, SIZES
+from bayesterra.parameters import MODULI, PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.dependence import SINGULAR, TRIED, MixtureCopula, fit_mixture_copula
 from bayesterra.stats.diagnostics import array_ess, rank_scores
@@ -189,19 +189,22 @@ def _opened(result: Any) -> tuple[Drawn, Mapping[str, tuple[float, float]]]:
     except (AttributeError, KeyError, TypeError) as error:
         raise StudyError(f"'result' must be a result folder or a result (got {result!r:.60})") from error
     prior = getattr(getattr(result, "study", None), "prior", None)
-    laws = {} if prior is None else prior.laws
-    return drawn, {name: law.range for name, law in laws.items()}
+    laws, reference = ({}, 1.0) if prior is None else (prior.laws, prior.reference)
+    return drawn, {name: law.range for name, law in laws.items() if reference == 1.0 or name not in MODULI}
 
 
 def _ranges(folder: Path) -> dict[str, tuple[float, float]]:
-    """Ranges of the laws that the study in a result folder states; none where it is of another form."""
+    """Ranges of the laws that the study in a result folder states; none where it is of another form.
+
+    Moduli whose laws hold at a sinkage of reference are themselves without a range.
+    """
     try:
         stated = entries.table(read_toml(folder / "study.toml").get("priors", {}), "priors")
     except StudyError:
         return {}
-    ranges = {}
+    ranges, unbound = {}, MODULI if "reference_sinkage" in stated else ()
     for name, entry in stated.items():
-        if name in PARAMETERS and isinstance(entry, Mapping) and "dist" in entry:
+        if name in PARAMETERS and name not in unbound and isinstance(entry, Mapping) and "dist" in entry:
             law = entries.law(name, dict(entry), PARAMETERS[name].dimension, bare=False)
             ranges[name] = law.range
     return ranges

@@ -19,7 +19,7 @@ from bayesterra.report.terminal import show
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
-from tests.support.adaptation import little_adaptation, little_leaving_out
+from tests.support.adaptation import HALF, little_adaptation, little_leaving_out
 from tests.support.shared import Shared
 from tests.support.soil_tests import SOIL, WHEEL, both, plate_table, plates, shear
 
@@ -42,7 +42,7 @@ def analysed(shared: Shared) -> Analysed:
     }
 
     def result(kind: str) -> Result:
-        with little_adaptation(), little_leaving_out():
+        with little_adaptation(HALF), little_leaving_out():
             return bt.run(made[kind](), seed=1)
 
     return lambda kind: shared(f"soil test, {kind}", lambda: result(kind))
@@ -109,7 +109,7 @@ def test_checks_that_fail_cost_no_posterior(monkeypatch: pytest.MonkeyPatch, tmp
 
     monkeypatch.setattr(inference, "new_tests", refuse)
     monkeypatch.setattr(inference, "rows_of_tests", refuse)
-    with little_adaptation(), little_leaving_out():
+    with little_adaptation(HALF), little_leaving_out():
         result = bt.run(plates((0.03,)), seed=1)
     assert set(result.record["failures"]) == {"left_out", "fits"}
     page = result.save(tmp_path / "out").read_text(encoding="utf-8")
@@ -126,9 +126,8 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     loud = {"checks": {"levels of tests uniform": 0.001, "b": 0.4}, "alarm": True}
     alarmed = replace(sound, record={**sound.record, "soil_tests": loud})
     opening = alarmed.page().html().split("<main>")[1].lstrip()
-    assert opening.startswith(
-        '<p class="warning" role="alert">The model does <b>not fit</b> these readings: Soil tests'
-    )
+    assert opening.startswith('<p class="quotable bad">Do not use: soil tests are not as the others predict them')
+    assert '<p class="warning" role="alert">The model does <b>not fit</b> these readings: Soil tests' in opening
     show(alarmed.overview())
     printed = capsys.readouterr().err
     assert printed.startswith("warning: Soil tests: not as predicted.")
@@ -193,7 +192,7 @@ def test_the_command_writes_a_folder_and_prints_the_finding(
     moduli = 'kc = { dist = "uniform", lower = "-20 kPa m", upper = "20 kPa m" }\nkphi = "900 kPa"\n'
     text = f'test = "plate"\n[data]\nfile = "plates.csv"\n[priors]\n{moduli}n = 1.1\n[sampling]\ntarget_ess = 400\n'
     (tmp_path / "plates.toml").write_text(text, encoding="utf-8")
-    with little_adaptation(), little_leaving_out():
+    with little_adaptation(HALF), little_leaving_out():
         assert main(["soiltest", "plates.toml", "--quiet"]) == 0
     printed = capsys.readouterr()
     assert "Soil tests: " in printed.out

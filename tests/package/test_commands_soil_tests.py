@@ -15,7 +15,7 @@ from bayesterra.likelihood.posterior import draw_cut_prior
 from bayesterra.stats.mixture import systematic
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study
-from tests.support.adaptation import little_adaptation, little_leaving_out
+from tests.support.adaptation import HALF, little_adaptation, little_leaving_out
 from tests.support.shared import Shared
 from tests.support.soil_tests import KNOWN, SOIL, both, plates, wheel_table
 
@@ -32,7 +32,7 @@ def results(shared: Shared, tmp_path_factory: pytest.TempPathFactory) -> Callabl
     """Folder with a study and its result, by kind."""
 
     def run(kind: str) -> bt.Result:
-        with little_adaptation(), little_leaving_out():
+        with little_adaptation(HALF), little_leaving_out():
             return bt.run(KINDS[kind](), seed=1)
 
     folders: dict[str, Path] = {}
@@ -52,7 +52,7 @@ def results(shared: Shared, tmp_path_factory: pytest.TempPathFactory) -> Callabl
 def called(folder: Path, command: str, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> tuple[int, str]:
     """Exit code of a command, in which S is the study, R the result and O a new folder; what it printed on errors."""
     places = {"S": folder / "study", "R": folder / "result", "O": tmp_path / "out", "D": folder / "rows.csv"}
-    with little_adaptation(), little_leaving_out():
+    with little_adaptation(HALF), little_leaving_out():
         code = main([str(places.get(word, word)) for word in command.split()])
     return code, capsys.readouterr().err
 

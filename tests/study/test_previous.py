@@ -185,7 +185,7 @@ def test_a_result_object_stands_for_its_folder(earlier: Earlier, study_with: Cal
     """In Python the result itself may be given; the ranges of its own prior hold."""
     draws = bearing_and_friction(4000, np.random.default_rng(5))
     folder = earlier(draws)
-    prior = SimpleNamespace(laws={"kc": Law("uniform", lower=0.0, upper=60e3)})
+    prior = SimpleNamespace(laws={"kc": Law("uniform", lower=0.0, upper=60e3)}, reference=1.0)
     result = SimpleNamespace(
         draws=xr.open_datatree(folder / "draws.nc", engine="h5netcdf").load(),
         record={"title": "Two plates"},

@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import pytest
 
-from bayesterra.analysis import inference
 from bayesterra.checking import soil_tests as checks
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
@@ -31,9 +30,12 @@ def little_adaptation(plan: AdaptationOptions = LITTLE) -> Iterator[None]:
 
 @contextmanager
 def little_leaving_out() -> Iterator[None]:
-    """Soil tests of which each is left out by a small sampling, enough for tables and pages."""
+    """Soil tests of which each is left out by a small sampling, enough for tables and pages.
+
+    Their whole posterior keeps the adaptation that it has: with less its ensembles disagree on the scatter, whose
+    law has a long ridge along the memory, and go on without end.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(checks, "ANEW", SamplingOptions(target_ess=100, walkers=32, max_steps=200))
-        for room in (checks, inference):
-            patch.setattr(room, "OF_SOIL_TESTS", replace(LITTLE, sweeps=4))
+        patch.setattr(checks, "OF_SOIL_TESTS", replace(LITTLE, sweeps=4))
         yield

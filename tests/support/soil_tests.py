@@ -83,11 +83,11 @@ KNOWN = {"memory": 2.0, "seating": 0.1e-3, "sinkage_offset": 0.0}
 """Of the scatter of plates all but its size."""
 
 
-def wheel_table() -> pd.DataFrame:
-    """Five rows of a wheel on the same soil, through M2."""
+def wheel_table(cohesion: float = 300.0) -> pd.DataFrame:
+    """Five rows of a wheel on the same soil, through M2; ``cohesion`` in Pa."""
     rng, slip = np.random.default_rng(3), np.array([0.1, 0.1, 0.25, 0.4, 0.4])
     load, modulus = np.array([60.0, 80.0, 60.0, 60.0, 80.0]), SOIL["kc"] / WHEEL.width + SOIL["kphi"]
-    soil = bt.Soil(Ks=modulus, n0=SOIL["n"], c=300.0, phi=STRENGTH["phi"], c3=0.0, **HELD)
+    soil = bt.Soil(Ks=modulus, n0=SOIL["n"], c=cohesion, phi=STRENGTH["phi"], c3=0.0, **HELD)
     z = M2().sinkage(soil, WHEEL, slip, load)
     pull = M2().forces(soil, WHEEL, slip, z).drawbar_pull
     noisy = (
@@ -111,6 +111,6 @@ def both(*, reference: bool = False, ring: bool = False, priors: dict[str, Any] 
     given["soil_tests"] = tests
     whole = {"c": 300.0, **HELD, **laws, **(priors or {})}
     return Study(
-        wheel_table(), {"W": WHEEL}, slip_reference="shearing", kind="simulated",
+        wheel_table(STRENGTH["c"] if ring else 300.0), {"W": WHEEL}, slip_reference="shearing", kind="simulated",
         priors=whole, **{**given, **tables},
     )  # fmt: skip
