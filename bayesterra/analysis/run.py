@@ -10,6 +10,7 @@ from typing import Any
 import pandas as pd
 
 from bayesterra.analysis import inference
+from bayesterra.analysis.group_checks import judged
 from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import PriorResult, is_pooled, is_prior, read_pooled, read_result
 from bayesterra.errors import BayesterraError, ResultError, check_kind, check_seed, checked_path
@@ -46,7 +47,7 @@ def run(
 
 
 def _sampled(study: Study, **how: Any) -> Result:
-    return inference.run(study, **how) if study.pooling is None else run_pooled(study, **how)
+    return inference.run(study, **how) if study.pooling is None else judged(run_pooled(study, **how), how["seed"])
 
 
 def load_result(folder: str | Path) -> Result:

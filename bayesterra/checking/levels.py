@@ -24,8 +24,9 @@ from bayesterra.checking.folds import WAYS, Fold, Scorer, folds_of
 from bayesterra.checking.holdout_scores import skills
 from bayesterra.checking.loo import Level, Without
 from bayesterra.errors import enumerated
+from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.likelihood import Likelihood
-from bayesterra.likelihood.posterior import Posterior, likelihood_of
+from bayesterra.likelihood.posterior import likelihood_of
 from bayesterra.study.study import Study
 
 CURVE = "polynomial"
@@ -73,7 +74,7 @@ def rests(study: Study, leaving: Mapping[str, tuple[Fold, ...]]) -> dict[Level, 
 
 def predicted(
     study: Study,
-    posterior: Posterior,
+    posterior: Whole,
     leaving: Mapping[str, tuple[Fold, ...]],
     without: Mapping[Level, Without],
     rng: Generator,

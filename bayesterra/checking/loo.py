@@ -8,7 +8,7 @@ elsewhere, and always with few rows, the posterior without the rows is sampled a
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,6 +20,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
+from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
@@ -154,14 +155,17 @@ def cross_validate(
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
     density, more = log_rows[1], [level for level in rests if len(level) > 1]
     m, apart = density.shape[1], posterior.likelihood.rows_apart
+
+    def others(rest: Likelihood) -> Callable[[FloatArray], FloatArray]:
+        return lambda x: rest.log_likelihood(posterior.prior.soil_values(x), posterior.noise_values(x))
+
     own, *streams = seed.spawn(1 + m + len(more))
     whole = near.mixture(default_rng(own))
     cases = [_Case(near, whole, x, log_rows, (i,), None) for i in range(m)]
-    cases += [_Case(near, whole, x, log_rows, level, None if apart else rests[level]) for level in more]
+    cases += [_Case(near, whole, x, log_rows, level, None if apart else others(rests[level])) for level in more]
     limits = np.full(len(cases), EVEN)
     limits[:m] = pareto_limit(len(x)) if m >= few_rows else -np.inf
-    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        results = list(pool.map(_Case.result, cases, limits.tolist(), streams))
+    results = _results(cases, limits.tolist(), streams)
     rows, found = posterior.likelihood.observations.rows, dict(zip(cases, results, strict=True))
     of_rows = CrossValidation(
         tuple(case.left_out(row, found[case]) for row, case in zip(rows, cases[:m], strict=True)),
@@ -169,6 +173,26 @@ def cross_validate(
         _pits(posterior, cases[:m], results[:m]) if m >= few_rows else {},
     )
     return of_rows, {case.rows: found[case].drawn() for case in cases if case.rows in rests}
+
+
+MANY = 12
+"""Free parameters above which no proposal without a level can be fitted to draws of those with it."""
+
+
+def without_levels(
+    posterior: JointPosterior, draws: FloatArray, seed: SeedSequence, levels: Collection[Level]
+) -> dict[Level, Without]:
+    """The posterior without each level of rows; the rows are independent given the parameters.
+
+    Parameters as for :func:`cross_validate`. With more than ``MANY`` parameters weights alone lead there.
+    """
+    x = spaced(draws, DRAWS)
+    near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
+    own, *streams = seed.spawn(1 + len(levels))
+    whole = near.mixture(default_rng(own))
+    limit = EVEN if x.shape[1] <= MANY else np.inf
+    cases = [_Case(near, whole, x, log_rows, level, None) for level in levels]
+    return dict(zip(levels, (case.drawn() for case in _results(cases, [limit] * len(cases), streams)), strict=True))
 
 
 @dataclass(frozen=True)
@@ -217,15 +241,15 @@ class _Case:
     x : these draws (n, d).
     log_rows : there, log likelihood (n,), and log density of every row given all others (n, m).
     rows : their places.
-    rest : the likelihood of all others, where that is not said by the rows' own densities.
+    rest : log likelihood (n,) of all others at sets (n, d), where the rows' own densities do not say it.
     """
 
-    near: PosteriorProposal
+    near: PosteriorProposal[Any]
     whole: ProposalLaw
     x: FloatArray
     log_rows: tuple[FloatArray, FloatArray]
     rows: Level
-    rest: Likelihood | None
+    rest: Callable[[FloatArray], FloatArray] | None
 
     @cached_property
     def density(self) -> FloatArray:
@@ -236,8 +260,7 @@ class _Case:
         """Log density (n,) of the rows given all others, from what is said of all, see ``log_rows``."""
         if self.rest is None:
             return np.asarray(rows[:, self.rows].sum(axis=1))
-        of = self.near.posterior
-        return total - self.rest.log_likelihood(of.prior.soil_values(x), of.noise_values(x))
+        return total - self.rest(x)
 
     @cached_property
     def weighted(self) -> _Weighted:
@@ -291,6 +314,11 @@ class _Case:
         x, prior, row, others = self._terms(u)
         log_weights = np.where(np.isfinite(prior), prior + others, -np.inf) - proposal.log_density(u)
         return _Weighted.of(x, log_weights, row)
+
+
+def _results(cases: Sequence[_Case], limits: Sequence[float], streams: Sequence[SeedSequence]) -> list[_Weighted]:
+    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        return list(pool.map(_Case.result, cases, limits, streams))
 
 
 def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weighted]) -> Pits:

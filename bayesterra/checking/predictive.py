@@ -304,7 +304,7 @@ class _Pool:
     outcomes: Outcomes
 
     @classmethod
-    def of(cls, near: PosteriorProposal, mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
+    def of(cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
         sets = near.propose(mixture, min(n, near.posterior.likelihood.at_once), rng)
         outcomes = near.posterior.explained(sets.x, rng)
         kept = np.flatnonzero(outcomes.status == 0)
@@ -354,7 +354,7 @@ def replicates(
 
 
 def _settled(
-    near: PosteriorProposal, pool: _Pool, readings: FloatArray, rng: Generator, options: ReplicateOptions
+    near: PosteriorProposal[Posterior], pool: _Pool, readings: FloatArray, rng: Generator, options: ReplicateOptions
 ) -> Replicate:
     """The posterior of a table, from the pool or, where too few draws fit it, from around its centre."""
     likelihood = near.posterior.likelihood

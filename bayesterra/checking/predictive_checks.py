@@ -266,6 +266,27 @@ def predictive_checks(
     return compared(tables + list(replicates(posterior, draws, again, more, judged)))
 
 
+def uncalibrated_checks(
+    posterior: Posterior, draws: FloatArray, rng: Generator, parts: Mapping[str, IntArray]
+) -> PredictiveChecks:
+    """Check the readings of a group against draws (n, d) that other groups formed as well.
+
+    There are no replicates: p values stand as they are, which is conservative, and the least of them times their
+    number is the ``overall`` one. ``parts`` as for :func:`predictive_checks`.
+    """
+    judges, x = _judges(posterior, rng, parts), spaced(draws, JUDGED_DRAWS)
+    explained = Modelled.of(posterior, x, posterior.explained(x, rng))
+    names = [(judge.channel, statistic) for judge in judges for statistic in judge.statistics]
+    checks = [
+        Check(channel, statistic.name, p, 2 * min(p, 1 - p) if statistic.two_sided else p)
+        for (channel, statistic), p in zip(
+            names, _p_values(judges, posterior.likelihood.measured, explained).tolist(), strict=True
+        )
+    ]
+    checks.sort(key=lambda check: check.calibrated)
+    return PredictiveChecks(tuple(checks), min(1.0, len(checks) * checks[0].calibrated), 0, (0.0, 0.0))
+
+
 def _judges(posterior: Posterior, rng: Generator, parts: Mapping[str, IntArray]) -> list[_Judge]:
     likelihood, judges = posterior.likelihood, []
     for column, noise in enumerate(likelihood.noise):

@@ -308,6 +308,19 @@ class JointPosterior:
             prior = np.where(likelihood > -np.inf, prior, -np.inf)
         return prior, np.where(np.isfinite(prior), likelihood, -np.inf)
 
+    @property
+    def rows_apart(self) -> bool:
+        """True where the rows of every group are independent given its parameters."""
+        return all(own.likelihood.rows_apart for own in self.groups.values())
+
+    def log_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Log likelihood (n,), and log density (n, rows) of every row of the table given all other rows."""
+        values = self.values_of_groups(x)
+        each = [own.log_rows(v) for own, v in zip(self.groups.values(), values, strict=True)]
+        rows = np.concatenate([own.likelihood.observations.rows for own in self.groups.values()])
+        terms = np.concatenate([terms for _, terms in each], axis=1)[:, np.argsort(rows)]
+        return np.sum([total for total, _ in each], axis=0), terms
+
     def reasons(self, x: FloatArray) -> IntArray:
         """Reason why each set (n, all) has no density: that of the first group without one."""
         reasons = np.where(np.isneginf(self.log_prior_of_shared(self.split(x)[0])), OUTSIDE_PRIOR, INSIDE)

@@ -21,8 +21,8 @@ from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, lite
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
 from bayesterra.report.sections import Draft, Prose, VerdictPage, origin_rows
 from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
-from bayesterra.report.terminal import failure_lines, verdict_line
-from bayesterra.report.verdicts import UNSEEN, Verdict
+from bayesterra.report.terminal import failure_lines
+from bayesterra.report.verdicts import Verdict
 from bayesterra.study.groups import Pooling
 from bayesterra.study.page import crosscheck, crosscheck_line, law_text, unconverged
 from bayesterra.study.study import Study
@@ -44,7 +44,7 @@ def pooled_page(result: PooledResult) -> VerdictPage:
     )  # fmt: skip
     draft, degrees = Draft(result), ("degrees", "complete")
     verdicts = (
-        draft.verdict("Sampling", _sampling),
+        *draft.failures.attempt("report: verdicts", lambda: result.verdicts, tuple[Verdict, ...]),
         draft.verdict("One value for all?", _sharing, "sharing"),
         draft.verdict("Evidence prefers", _preferred, *degrees),
     )
@@ -62,19 +62,8 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         facts=tuple(fact for fact in facts if fact), verdicts=verdicts, sections=sections,
         version=record["versions"]["bayesterra"],
         warning=draft.warning(unconverged(result, "The sampling has <b>not converged</b>: {}.")),
-        failures=draft.failures, kind=study.kind, template="pooled.html",
+        failures=draft.failures, kind=study.kind, template="pooled.html", sentence=result.sentence,
     )  # fmt: skip
-
-
-def _sampling(result: PooledResult) -> Verdict:
-    convergence = result.record["verdict"]
-    figures_ = Markup("R-hat {}, {} effective draws").format(plain(convergence["r_hat"], 4), plain(convergence["ess"]))
-    beside = [name for name, good in convergence["compared_with"].items() if not good]
-    rest = Markup(" Beside it {} did not converge.").format(listed(beside)) if beside else Markup("")
-    if result.converged:
-        grade = "doubtful" if beside else "good"
-        return Verdict("Sampling", "converged", grade, Markup("{}.{} {}").format(figures_, rest, UNSEEN))
-    return Verdict("Sampling", "not converged", "bad", Markup("{}.{}").format(figures_, rest))
 
 
 def _named(text: object) -> Markup:
@@ -337,9 +326,10 @@ def pooled_overview(result: PooledResult) -> Overview:
     for row in pooling["degrees"]:
         figures = (row["log_evidence"], row["elpd_rows"], row["elpd_groups"])
         rows.append((row["pooling"], *(f"{figure:.1f}" for figure in figures)))
-    lines = [verdict_line(result.record), f"Evidence prefers: {pooling['preferred']}. {pooling['sentence']}"]
+    lines = [f"Evidence prefers: {pooling['preferred']}. {pooling['sentence']}"]
     if stated := pooling.get("sentence_as_stated"):
         lines.append(f"With the other parameters as this study has them: {stated}")
     header = ("pooling", "log evidence", "elpd of rows", "elpd of groups")
-    said = (*map(Text, lines), *crosscheck_line(result.record), *failure_lines(result.record))
-    return (Table("", "lrrr", header, tuple(rows)), *said)
+    judged = (*(verdict.line for verdict in result.verdicts), Text(result.sentence))
+    rest = (*crosscheck_line(result.record), *failure_lines(result.record))
+    return (Table("", "lrrr", header, tuple(rows)), *judged, *map(Text, lines), *rest)

@@ -14,7 +14,7 @@ from numpy.random import SeedSequence, default_rng
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
-from bayesterra.errors import known
+from bayesterra.errors import enumerated, known
 from bayesterra.likelihood.joint import SPREAD, JointPosterior, draw_joint_prior, joint_posterior, name_in_group
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
@@ -32,7 +32,7 @@ from bayesterra.pooling.degrees import (
     preferred,
 )
 from bayesterra.pooling.evidence import row_terms
-from bayesterra.report.verdicts import Failures, with_failures
+from bayesterra.report.verdicts import Failures, Verdict, quotable, sampling_verdict, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
@@ -91,6 +91,22 @@ class PooledResult(Result):
     pooling: pd.DataFrame
     sharing: pd.DataFrame
     left_out: pd.DataFrame
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Verdicts on the sampling, with that of the posteriors beside it, and on fit and prediction."""
+        sampling = sampling_verdict(self.record)
+        beside = [name for name, good in self.record["verdict"]["compared_with"].items() if not good]
+        if beside:
+            said = f"{enumerated(beside)} did not converge"
+            grade = "doubtful" if sampling.grade == "good" else sampling.grade
+            sampling = replace(sampling, grade=grade, sentence=f"{sampling.sentence} Beside it {said}.", claim=said)
+        return (sampling, *(Verdict(**entry) for entry in self.record.get("verdicts", ())[1:]))
+
+    @property
+    def sentence(self) -> str:
+        """What may be quoted of the result."""
+        return quotable(self.verdicts, f"{len(self.groups)} groups, {', '.join(self.groups)}", ())
 
     @property
     def groups(self) -> tuple[str, ...]:

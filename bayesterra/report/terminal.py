@@ -17,7 +17,7 @@ from rich.text import Text as RichText
 
 from bayesterra.errors import printable
 from bayesterra.report.blocks import Cell, Overview, Table, Text
-from bayesterra.report.verdicts import UNSEEN, sentences
+from bayesterra.report.verdicts import sentences
 
 
 class PlainConsole(Console):
@@ -67,20 +67,6 @@ def failure_lines(record: Mapping[str, Any]) -> Overview:
     """What could not be computed; nothing where all could."""
     text = sentences(record)
     return (Text(f"{text} run.json says where it failed: please report it."),) if text else ()
-
-
-def verdict_line(record: Mapping[str, Any]) -> str:
-    """One line: converged or not, with the figures behind the word."""
-    verdict = record["verdict"]
-    figures = f"{verdict['ess']:.0f} effective draws, R-hat {verdict['r_hat']:.4f}"
-    if verdict["converged"]:
-        return f"Sampling converged: {figures}. {UNSEEN}"
-    failed = "; ".join(
-        f"{check['name']} {check['value']:.4g} (asked: {check['threshold']:.4g})"
-        for check in verdict["checks"]
-        if not check["passed"]
-    )
-    return f"Sampling did NOT converge: {failed}. {figures}."
 
 
 def _harmless(line: str) -> str:

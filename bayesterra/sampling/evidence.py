@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.util import find_spec
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 import pandas as pd
@@ -18,8 +18,8 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray, IntArray, spaced
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.joint import Whole
-from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws, draw_cut_prior
+from bayesterra.likelihood.joint import JointPosterior, Whole
+from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.coordinates import Coordinates, coordinates
 from bayesterra.stats.diagnostics import effective_size
@@ -65,16 +65,19 @@ class Proposed:
         return Proposed(self.u[chosen], self.x[chosen], self.log_base[chosen], self.drawn)
 
 
+W = TypeVar("W", Posterior, JointPosterior)
+
+
 @dataclass(frozen=True)
-class PosteriorProposal:
+class PosteriorProposal(Generic[W]):
     """A posterior, its sampling coordinates, and draws of it in these (n, d)."""
 
-    posterior: Posterior
+    posterior: W
     coordinates: Coordinates
     u: FloatArray
 
     @classmethod
-    def of(cls, posterior: Posterior, draws: FloatArray) -> PosteriorProposal:
+    def of(cls, posterior: W, draws: FloatArray) -> PosteriorProposal[W]:
         """Around posterior draws (n, d), of which ``FITTED`` at most are used."""
         chosen = coordinates(posterior)
         return cls(posterior, chosen, chosen.from_physical(spaced(draws, FITTED)))
@@ -94,7 +97,7 @@ class PosteriorProposal:
     def from_prior(self, densities: Densities, rng: Generator) -> ProposalLaw:
         """A proposal for another target over the same parameters, found all the way from the prior."""
         plan = AdaptationOptions()
-        start = self.coordinates.from_physical(draw_cut_prior(self.posterior, plan.particles, rng).x)
+        start = self.coordinates.from_physical(self.posterior.cut_prior(plan.particles, rng))
         return adapt(densities, start, plan, rng).proposal
 
     def propose(self, mixture: ProposalLaw, n: int, rng: Generator) -> Proposed:
@@ -158,7 +161,7 @@ class Redrawn:
     reliable: bool
 
 
-def redrawn(near: PosteriorProposal, other: Posterior, rng: Generator) -> Redrawn:
+def redrawn(near: PosteriorProposal[Posterior], other: Posterior, rng: Generator) -> Redrawn:
     """Draws of a posterior that differs in its likelihood, by weights or by a proposal of its own."""
     x, _ = near.coordinates.to_physical(near.u)
     ratio = other.log_prior_and_likelihood(x)[1] - near.posterior.log_prior_and_likelihood(x)[1]

@@ -292,7 +292,7 @@ def test_command_writes_the_folder_and_says_what_it_found(
         run_command(tmp_path, out=tmp_path / "out", quiet=True)
     assert left.value.exit_code == 0
     printed = capsys.readouterr().out
-    assert "Sampling converged" in printed
+    assert "Sampling: converged" in printed
     assert "A second solution that no ensemble found would not show." in printed
     assert result.record["pooling"]["sentence"].split(":")[0] in printed
     names = {path.name for path in (tmp_path / "out").iterdir()}
