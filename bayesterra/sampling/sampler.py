@@ -21,6 +21,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
+from bayesterra.models.kernels.cache import told_of_compiling
 from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
 from bayesterra.runtime.status import Status
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
@@ -383,14 +384,15 @@ def progress_bar(status: Status, *, quiet: bool) -> Iterator[Callable[[Progress]
             progress.note_in(status)
             bar.update(task, description=progress.stage, completed=progress.done, figures=_figures(progress))
 
-        yield update
+        with told_of_compiling(lambda name: update(Progress("compiling", 0.0))):
+            yield update
 
 
 def _figures(progress: Progress) -> str:
     """Acceptance, effective draws, R-hat and time left, once they are known."""
     diagnosis = progress.diagnosis
     if diagnosis is None:
-        return ""
+        return "the models, once on this machine" if progress.stage == "compiling" else ""
     left = f", {progress.seconds_left:.0f} s left" if progress.seconds_left else ""
     agreement = f", R-hat {diagnosis.worst_r_hat:.3f}" if np.isfinite(diagnosis.worst_r_hat) else ""
     return f"{diagnosis.ess:.0f} effective draws{agreement}, acceptance {diagnosis.acceptance:.2f}{left}"

@@ -8,8 +8,8 @@ whole is compiled again, what cannot be written is not kept, and neither changes
 import logging
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache, cached_property
 from hashlib import sha256
 from multiprocessing import parent_process
@@ -28,6 +28,18 @@ _PACKING: Any = serialize
 _DIGEST = sha256().digest_size
 _told: list[str] = []
 """Reason why nothing can be kept, once that was told."""
+_watching: list[Callable[[str], None]] = []
+"""Who is told of what is being compiled."""
+
+
+@contextmanager
+def told_of_compiling(tell: Callable[[str], None]) -> Iterator[None]:
+    """Call ``tell`` with the name of every function that is compiled meanwhile, before it is."""
+    _watching.append(tell)
+    try:
+        yield
+    finally:
+        _watching.remove(tell)
 
 
 class CompiledFiles:
@@ -73,6 +85,8 @@ class CompiledFiles:
                 content = (folder / name).read_bytes()
                 if content[:_DIGEST] == sha256(stamp + content[_DIGEST:]).digest():
                     return _COMPILED._rebuild(context, *_PACKING.loads(content[_DIGEST:]))
+        for tell in tuple(_watching):
+            tell(self._function.__name__)
         return None
 
     def save_overload(self, signature: Any, made: Any) -> None:

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -17,6 +18,7 @@ import bayesterra
 from bayesterra.cli import app, hushed
 from bayesterra.models.kernels import cache as kernel_cache
 from bayesterra.models.kernels.compiler import called, compiled
+from bayesterra.sampling.sampler import progress_bar
 
 ROOT = Path(bayesterra.__file__).parents[1]
 
@@ -119,6 +121,22 @@ def test_a_damaged_entry_is_made_anew(kind: str, cache: Path) -> None:
     assert hits() == 0
     assert hits() == (0 if kind == "folder" else 1)
     assert entry(cache).is_dir() == (kind == "folder")  # and nothing else is left behind
+
+
+@pytest.mark.usefixtures("cache")
+def test_who_waits_is_told_what_is_compiled() -> None:
+    """Once, before it is, and not when it is read from disk; the status file of a run says so."""
+    names = list[str]()
+    with kernel_cache.told_of_compiling(names.append):
+        assert compiled(halved)(3.0) == 1.5
+        assert compiled(halved)(3.0) == 1.5
+    assert compiled(halved)(4) == 2.0
+    assert names == ["halved"]
+    stages = list[str]()
+    status: Any = SimpleNamespace(note=lambda stage, *_, **__: stages.append(stage))
+    with progress_bar(status, quiet=True):
+        compiled(halved)(True)
+    assert stages == ["compiling"]
 
 
 def test_other_sources_other_code(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
