@@ -29,7 +29,7 @@ from bayesterra.errors import enumerated
 from bayesterra.least_squares.results import CONDITIONAL, ESTIMATES, METHODS
 from bayesterra.likelihood.forward import Outcomes, model_columns
 from bayesterra.likelihood.posterior import Posterior, posterior
-from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, SIZES, soil_array
+from bayesterra.parameters import CHANNELS, MODEL_PARAMETERS, OUTCOMES, SIZES, soil_array
 from bayesterra.report.numbers import probability, share
 from bayesterra.report.verdicts import Failures, Verdict, unknown_verdict
 from bayesterra.study.result import Result
@@ -214,9 +214,8 @@ def validate(
 
 FEW_READINGS = 3
 """Readings per free parameter below which the check of the fit can hardly fail."""
-MANY = {"sinkage": "sinkages", "normal_force": "normal forces", "drawbar_pull": "pulls",
-        "resistance_moment": "moments"}  # fmt: skip
-"""Readings of a channel, in words."""
+MANY = {name: f"{name.rpartition('_')[2]}s" for name in OUTCOMES}
+"""Readings of a channel in a word, such as pulls."""
 
 
 def fit_verdict(checks: PredictiveChecks | None, readings: int = 0, free: int = 0, failed: str = "") -> Verdict:

@@ -324,5 +324,5 @@ def prior_set(name: str, *, load_effect: bool = False) -> Mapping[str, Entry]:
     """Priors of the soil parameters in a set, or of the coefficients of the load effect; SI."""
     stated = dict(stated_sets()[name])
     of_loads = stated.pop(_OF_LOADS)
-    stated = dict.fromkeys(LOAD_EFFECT, of_loads) if load_effect else {**stated, **HELD}
-    return {key: prior_entry(key, value, bare=False) for key, value in stated.items()}
+    held, stated = ({}, dict.fromkeys(LOAD_EFFECT, of_loads)) if load_effect else (HELD, stated)
+    return {**{key: prior_entry(key, value, bare=False) for key, value in stated.items()}, **held}

@@ -83,9 +83,9 @@ def _level(load: float) -> float:
 
 
 def _contradicted(rows: Observations, noise: Mapping[str, Noise]) -> Iterator[str]:
-    """Stated noise that repeats contradict; Student's has tails of its own."""
+    """Stated noise that repeats contradict; heavy tails bear with them."""
     for name, each in repeats(rows, noise).items():
-        if np.isinf(noise[name].dof) and each.contradict:
+        if np.isinf(noise[name].tails.code) and each.contradict:
             scale, unit = CHANNELS[name].scale, CHANNELS[name].unit
             yield (
                 f"{name} repeats to {each.sd / scale:.2g} {unit} ({each.freedom} degrees of freedom), and its noise is "

@@ -10,6 +10,7 @@ from bayesterra.errors import StudyError
 from bayesterra.likelihood.page import prior_sources
 from bayesterra.parameters import PARAMETERS, SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
+from bayesterra.study import entries
 from bayesterra.study.canonical import write_study
 from bayesterra.study.entries import prior_set
 from bayesterra.study.study import load_study
@@ -94,3 +95,11 @@ def test_a_source_must_be_text(write: Write) -> None:
     bad = 'phi = { dist = "norm", loc = "32 deg", scale = "4 deg", source = 2011 }'
     with pytest.raises(StudyError, match=r"\[priors\] 'phi\.source' must be text \(got 2011\)"):
         load_study(write(("c3 = 0.0", bad)))
+
+
+def test_what_is_held_needs_no_unit_in_a_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A parameter with a dimension may be held by default, in SI, beside any named set."""
+    monkeypatch.setattr(entries, "HELD", {"c3": 0.0, "K": 0.012})
+    for name in entries.stated_sets():
+        held = entries.prior_set.__wrapped__(name)
+        assert (held["c3"], held["K"]) == (0.0, 0.012)
