@@ -119,14 +119,14 @@ def _sections(draft: Draft[Result], result: Result) -> tuple[Section, ...]:
 
 
 def _facts(result: Result) -> tuple[str, ...]:
-    study, rows = result.study, result.study.observations
+    study, rows, described = result.study, result.study.observations, result.study.described.values()
     wheels, analysed = ", ".join(study.wheels), f"analysed {str(result.record['made'])[:10]}"
     tests = [f"{len(test.readings.tests)} {test.kind} tests {name}" for name, test in study.soil_tests.items()]
     if not study.wheels:
-        return tuple(filter(None, (*tests, study.soil, study.date, analysed)))
+        return tuple(filter(None, (*tests, *described, analysed)))
     used = f"{int(rows.use.sum())} of {len(rows)} rows in the fit"
     facts = (
-        f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}", study.soil, study.date, used,
+        f"wheel {wheels}" if len(study.wheels) == 1 else f"wheels {wheels}", *described, used,
         f"model {study.model.name}, {study.drive}-driven", *tests, analysed,
     )  # fmt: skip
     return tuple(part for part in facts if part)

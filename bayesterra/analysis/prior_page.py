@@ -36,7 +36,7 @@ def prior_page(result: PriorResult) -> VerdictPage:
     study = result.study
     facts = (
         f"wheels {', '.join(study.wheels)}" if len(study.wheels) > 1 else f"wheel {next(iter(study.wheels))}",
-        study.soil,
+        *study.described.values(),
         f"{int(study.observations.use.sum())} rows to measure",
         f"model {study.model.name}, {study.drive}-driven",
         f"made {str(result.record['made'])[:10]}",

@@ -80,8 +80,7 @@ def _general(study: Study) -> Table:
         )
     for error in study.errors:
         table.add_row(*_error(error))
-    described = (study.kind, study.soil, study.date, study.source)
-    table.add_row("data", " · ".join(part for part in described if part))
+    table.add_row("data", " · ".join(filter(None, (study.kind, *study.described.values(), study.source))))
     for name, value in study.references.items():
         table.add_row(name, f"{value.source or '(no source)'}: {', '.join(value.values)}")
     return table

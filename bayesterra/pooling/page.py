@@ -37,7 +37,7 @@ def pooled_page(result: PooledResult) -> VerdictPage:
     study, record = result.study, result.record
     rows = study.observations
     facts = (
-        f"{len(result.groups)} groups by {record['pooling']['by']}", study.soil,
+        f"{len(result.groups)} groups by {record['pooling']['by']}", *study.described.values(),
         f"{int(rows.use.sum())} of {len(rows)} rows in the fit",
         f"model {study.model.name}, {study.drive}-driven", f"{len(result.summary)} free parameters",
         f"analysed {str(record['made'])[:10]}",

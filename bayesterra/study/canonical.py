@@ -51,8 +51,7 @@ def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> 
 def write_study(study: Study, folder: Path) -> None:
     """Write a study as ``study.toml`` and ``measurements.csv``, such that reading them gives it back."""
     references = {name: _reference(reference) for name, reference in study.references.items()}
-    head = {"title": study.title, "soil": study.soil, "date": study.date}
-    text = _file(head, (study.kind, study.source), tables(study), references)
+    text = _file({"title": study.title, **study.described}, (study.kind, study.source), tables(study), references)
     write_text(folder / "study.toml", text)
     if study.wheels:
         write_text(folder / "measurements.csv", csv_text(_rows(study.observations)))

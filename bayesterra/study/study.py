@@ -49,10 +49,8 @@ class Study:
     source : where the measurements come from.
     path : the study file, where there is one.
     prior_only : readings may be missing altogether; outcomes that have noise are yet to be measured.
-    **tables : ``title``, ``soil``, ``date``, ``model``, ``drive``, ``load_range``, ``model_options``,
-        ``noise``, ``discrepancy``, ``ripple``, ``slip``, ``priors``, ``least_squares``, ``published``,
-        ``truth``, ``sampling`` and ``soil_tests`` as in a study file. Numbers are SI values, text has its unit;
-        models, laws and noises may be given as objects.
+    **tables : all other keys and tables of a study file, :class:`bayesterra.study.schema.StudyContent`. Numbers
+        are SI values, text has its unit; models, laws and noises may be given as objects.
 
     Attributes
     ----------
@@ -129,6 +127,11 @@ class Study:
         driven = f"{self.model.name}, drive {self.drive}, {len(self.observations)} rows"
         parts = [driven] * bool(self.wheels) + [f"{test.kind} tests {name}" for name, test in self.soil_tests.items()]
         return f"<Study {self.title!r}: {', '.join(parts)}>"
+
+    @property
+    def described(self) -> dict[str, str]:
+        """Texts on what was driven and when, by their keys; "" where they are left out."""
+        return {name: getattr(self, name) for name in _DESCRIBED}
 
     @property
     def middle_load(self) -> float:
@@ -337,7 +340,8 @@ def _repeatable(drive: Drive, errors: ModelErrors) -> bool:
     return not (drive.reads_force or errors.ripple or errors.slip)
 
 
-_KEPT = ("title", "soil", "date", "least_squares", "published", "truth", "sampling")
+_DESCRIBED = ("soil", "date")
+_KEPT = ("title", *_DESCRIBED, "least_squares", "published", "truth", "sampling")
 
 
 def _count_notes(

@@ -8,10 +8,12 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
+from bayesterra.analysis.terminal import print_overview
 from bayesterra.errors import StudyError
 from bayesterra.models import M1, M2, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.stats.laws import Law
+from bayesterra.study.canonical import write_study
 from bayesterra.study.entries import prior_set
 from bayesterra.study.noise import Noise
 from bayesterra.study.schema import SamplingOptions
@@ -52,6 +54,19 @@ def test_the_shipped_study_is_read() -> None:
     assert study.published.values["c2"] == -0.017
     assert study.published.values["phi"] == pytest.approx(np.radians(29.3))
     assert (study.kind, study.notes, study.least_squares.hold) == ("digitised", (), {"Ks": 2.5e6})
+
+
+def test_texts_on_what_was_driven_go_wherever_the_study_goes(
+    tmp_path: Path, write: Write, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Soil and day are printed with the data, and written out so that reading gives them back."""
+    study = load_study(write(("[data]", 'soil = "LSS1"\ndate = 2011-03-04\n\n[data]')))
+    assert study.described == {"soil": "LSS1", "date": "2011-03-04"}
+    print_overview(study)
+    assert "LSS1 · 2011-03-04" in capsys.readouterr().out
+    (tmp_path / "again").mkdir()
+    write_study(study, tmp_path / "again")
+    assert load_study(tmp_path / "again").described == study.described
 
 
 def test_a_folder_and_its_file_are_the_same_study(write: Write) -> None:
