@@ -49,7 +49,7 @@ class WheelSoilModel(ABC):
 
     Soil fields, slip, sinkage and load broadcast by NumPy's rules; results have the broadcast shape. Values
     outside the model's range raise ValueError. The methods ending in `_at` are the batch interface: parameter
-    sets (n, 9) in the order of `parameters` against m rows, a status code in place of an error, NaN where the
+    sets (n, p) in the order of `parameters` against m rows, a status code in place of an error, NaN where the
     status is not OK.
     """
 
@@ -63,7 +63,7 @@ class WheelSoilModel(ABC):
     equations: ClassVar[str]
     """The model in words, with its equations of Ding et al. 2015."""
     parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
-    """Columns of the parameter sets (n, 9) of the batch interface; M2L has four more."""
+    """Columns of the parameter sets (n, p) of the batch interface; M2L has four more."""
     _code: ClassVar[int]
 
     def __post_init__(self) -> None:
@@ -150,14 +150,14 @@ class WheelSoilModel(ABC):
         return values[:, 0], status[:, 0]
 
     def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
-        """Exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, 10), sinkage last."""
+        """Exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, p + 1), sinkage last."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
         return batch.jacobian(batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan)
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
-        """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 9)."""
+        """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, p)."""
         from bayesterra.models import batch
 
         plan = self._plan(every_row=True)
@@ -170,7 +170,7 @@ class WheelSoilModel(ABC):
         return slopes
 
     def kernel_inputs(self, theta: ArrayLike, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
-        """Parameter sets (n, 9) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
+        """Parameter sets (n, p) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
         from bayesterra.models import batch
 
         return batch.parameters(theta, len(self.parameters)), self._rows(conditions)

@@ -8,13 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.forces import SINKAGE
 from bayesterra.models.kernels import drivers
+from bayesterra.models.soil import LOAD_EFFECT_FIELDS, Soil
 
 Codes = NDArray[np.int8]
 Plan = tuple[int, int, bool]
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, Plan, FloatArray, Codes], None]
 
 
-def parameters(theta: ArrayLike, columns: int = 9) -> FloatArray:
+def parameters(theta: ArrayLike, columns: int) -> FloatArray:
     """`theta` as a C-contiguous, writable (n, columns) array."""
     array = np.require(theta, dtype=np.float64, requirements=["C", "W"])  # one kernel: read-only is another type
     if array.ndim != 2 or array.shape[1] != columns:
@@ -49,12 +50,12 @@ def response(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -
 
 
 def jacobian(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> FloatArray:
-    """d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, 10), or (n, m, 3, 14) with M2L."""
+    """d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, p + 1)."""
     return run(drivers.jacobian, theta, rows, sinkage, plan, (3, theta.shape[1] + 1))[0]
 
 
 def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> FloatArray:
-    """d(z, F_DP, M_DR)/d theta (n, m, 3, 9 or 13), by implicit derivatives of F_N(z, theta) = W."""
+    """d(z, F_DP, M_DR)/d theta (n, m, 3, p), by implicit derivatives of F_N(z, theta) = W."""
     at_root = jacobian(theta, rows, response(theta, rows, load, plan)[0][..., SINKAGE], plan)
     by_theta, by_sinkage = at_root[..., :-1], at_root[..., -1:]
     sinkage = -by_theta[..., :1, :] / by_sinkage[..., :1, :]
@@ -63,10 +64,13 @@ def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan
 
 def warm_up() -> None:
     """Run every kernel once on a typical soil and wheel."""
-    theta = np.array([[2.5e6, 0.76, 1.3, 250.0, 0.5568, 0.012, 0.5, -0.3, 0.0]])
+    theta = Soil(Ks=2.5e6, n0=0.76, n1=1.3, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3).as_array()[None]
     rows = np.array([[0.2, 0.2, 0.157, 0.165, 0.167, 0.1635]])
     for model in (1, 2, 3, 4):
         if model == 4:  # the load effect has parameters and a column of the rows of its own
-            theta, rows = (np.pad(theta, ((0, 0), (0, 4))), np.pad(rows, ((0, 0), (0, 1)), constant_values=80.0))
+            theta, rows = (
+                np.pad(theta, ((0, 0), (0, len(LOAD_EFFECT_FIELDS)))),
+                np.pad(rows, ((0, 0), (0, 1)), constant_values=80.0),
+            )
         response_jacobian(theta, rows, 80.0, (model, 0, False))
         components(theta, rows, 0.01, (model, 0, False))

@@ -37,7 +37,7 @@ class M2L(WheelSoilModel):
             raise ValueError(f"'mean_load' must be positive and finite (got {self.mean_load})")
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
-        """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, 13)."""
+        """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, p)."""
         return self.known_under(load, super().response_jacobian_at(theta, conditions, load))
 
     def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:

@@ -42,10 +42,7 @@ class Soil:
         require(np.asarray(self.phi) < np.pi / 2, "phi", "must be below pi/2 rad", self.phi)
 
     def as_array(self) -> FloatArray:
-        """The parameters in the order of SOIL_FIELDS along a last axis of nine.
-
-        A :class:`LoadEffectSoil` has thirteen, the last four in the order of LOAD_EFFECT_FIELDS.
-        """
+        """The parameters along a last axis: SOIL_FIELDS, and LOAD_EFFECT_FIELDS of a :class:`LoadEffectSoil`."""
         values = (np.asarray(value, dtype=np.float64) for value in astuple(self))
         return np.stack(np.broadcast_arrays(*values), axis=-1)
 

@@ -202,6 +202,7 @@ def _measure(dimension: str) -> BeforeValidator:
     )
 
 
+_MODELS = f"Model of Ding et al. 2015: {'; '.join(f'``{n}`` {kind.equations}' for n, kind in MODELS.items())}."
 _Open, _Values = dict[str, Any], dict[str, str | float]
 
 
@@ -415,8 +416,7 @@ class StudyContent(Table):
     """Name of the soil."""
     date: Annotated[Text, BeforeValidator(lambda day: day.isoformat() if isinstance(day, datetime.date) else day)] = ""
     """Day of the test."""
-    model: Annotated[StrictStr, BeforeValidator(_model)] = "M1"
-    """Wheel-soil model: ``M1`` integral, ``M2`` and ``M3`` closed forms, ``M2L`` M2 with the load effect."""
+    model: Annotated[StrictStr, BeforeValidator(_model), Field(description=_MODELS)] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     """Quantity known of a row beside its slip: the load, the sinkage, or ``both`` read with errors."""
     load_range: Annotated[

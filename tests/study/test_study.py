@@ -1,5 +1,6 @@
 """Studies: what is filled in, what the drive makes of the columns, and what is refused."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,13 @@ from numpy.testing import assert_allclose
 
 from bayesterra.analysis.terminal import print_overview
 from bayesterra.errors import StudyError
-from bayesterra.models import M1, M2, Wheel
+from bayesterra.models import M1, M2, MODELS, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
 from bayesterra.study.entries import prior_set
 from bayesterra.study.noise import Noise
-from bayesterra.study.schema import SamplingOptions
+from bayesterra.study.schema import SamplingOptions, json_schema
 from bayesterra.study.study import Study, load_study
 from tests.support.folder import TABLE, Write
 
@@ -54,6 +55,12 @@ def test_the_shipped_study_is_read() -> None:
     assert study.published.values["c2"] == -0.017
     assert study.published.values["phi"] == pytest.approx(np.radians(29.3))
     assert (study.kind, study.notes, study.least_squares.hold) == ("digitised", (), {"Ks": 2.5e6})
+
+
+def test_the_schema_says_what_every_model_is() -> None:
+    """By the words of its class, equations of the paper included."""
+    said = json.loads(json_schema())["properties"]["model"]["description"]
+    assert all(f"``{name}`` {kind.equations}" in said for name, kind in MODELS.items())
 
 
 def test_texts_on_what_was_driven_go_wherever_the_study_goes(
