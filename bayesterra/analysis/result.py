@@ -379,8 +379,17 @@ def _content(folder: Path, kind: type[RunResult | PooledResult]) -> dict[str, An
     check_sums(folder, *files)
     tables = {name.removesuffix(".csv"): read_csv(folder / name) for name in files if name.endswith(".csv")}
     tables.pop("measurements", None)
-    record = kind.RECORD.read(folder / RECORD)
-    return {**tables, "record": record, "draws": read_tree(folder / DRAWS), "study": load_study(folder)}
+    record, draws = kind.RECORD.read(folder / RECORD), read_tree(folder / DRAWS)
+    return {**tables, "record": record, "draws": draws, "study": _numbered(load_study(folder), draws)}
+
+
+def _numbered(study: Study, draws: xr.DataTree) -> Study:
+    """The study with the numbers of its rows in the table of the run, some of which it may have left out."""
+    groups = [name for name in ("constant_data", "predictions_constant_data") if name in draws.children]
+    numbers = sorted(int(row) for name in groups for row in draws[name]["row"])
+    if len(numbers) != len(study.observations):  # damage is said where it is checked
+        return study
+    return study.having(observations=replace(study.observations, rows=tuple(numbers)))
 
 
 def is_pooled(folder: Path) -> bool:

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import xarray as xr
 
 from bayesterra.analysis.result import read_result
+from bayesterra.checking.validation_page import cross_validation_section
 from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.parameters import PARAMETERS
@@ -191,3 +193,24 @@ def test_a_data_frame_has_one_row_per_draw(small_result: Result) -> None:
     assert list(frame.columns[:2]) == ["chain", "draw"]
     assert set(small_result.names) <= set(frame.columns)
     np.testing.assert_array_equal(frame[list(small_result.names)].to_numpy(), small_result.values())
+
+
+def test_rows_keep_the_numbers_that_they_had_in_the_table_of_the_run(small_result: Result, tmp_path: Path) -> None:
+    """Of a table whose first two rows were left out; its page is made again whole."""
+    rows = small_result.study.observations
+    study = small_result.study.having(observations=replace(rows, rows=tuple(row + 2 for row in rows.rows)))
+    groups = {
+        name: group.to_dataset().assign_coords(row=group["row"] + 2) if "row" in group.coords else group.to_dataset()
+        for name, group in small_result.draws.children.items()
+    }
+    loo = small_result.record["loo"]
+    later = {**loo, "rows": [{**row, "row": row["row"] + 2} for row in loo["rows"]]}
+    shifted = replace(
+        small_result, study=study, draws=xr.DataTree.from_dict(groups), record={**small_result.record, "loo": later},
+        predictive=small_result.predictive.assign(row=small_result.predictive["row"] + 2),
+    )  # fmt: skip
+    shifted.save(tmp_path / "out")
+    again = read_result(tmp_path / "out")
+    assert again.study.observations.rows == study.observations.rows
+    blocks = cross_validation_section(again)
+    assert blocks
