@@ -205,21 +205,18 @@ class ClippedModel:
         """Outcomes (m, 3) for parameters (p,); NaN where no sinkage carries the load."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
-            outcomes: FloatArray = part.drive.answers(part.model)(row, part.conditions, part.given)[0][0]
-            return outcomes
+            return np.asarray(part.answers(row, part.conditions, part.given)[0][0])
 
-        return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (3,))
+        return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (self.forward.width,))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Exact derivatives (m, 3, k) of the outcomes."""
 
         def run(part: Forward, row: FloatArray) -> FloatArray:
-            step = part.drive.slopes(part.model)
-            derivatives: FloatArray = step(row, part.conditions, part.given)[0, :, :, : row.shape[1]]
-            return derivatives
+            return part.slopes(row, part.conditions, part.given)[1][0, :, :, : row.shape[1]]
 
         clipped = clip(theta, self.forward.conditions.slip)
-        return chain(self._by_group(clipped.theta, run, (3, len(theta))), clipped)
+        return chain(self._by_group(clipped.theta, run, (self.forward.width, len(theta))), clipped)
 
     def _by_group(
         self, rows: FloatArray, run: Callable[[Forward, FloatArray], FloatArray], shape: tuple[int, ...]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.errors import StudyError
 from bayesterra.models import Conditions, Wheel, WheelSoilModel
-from bayesterra.models.forces import SINKAGE
+from bayesterra.models.forces import NORMAL_FORCE, SINKAGE
 from bayesterra.models.traction import greatest, traction
 from bayesterra.parameters import SoilColumns
 from bayesterra.study.drive import Drive
@@ -20,6 +20,7 @@ from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 
 Codes = NDArray[np.int8]
+_FORCE = slice(NORMAL_FORCE, NORMAL_FORCE + 1)
 
 
 @dataclass(frozen=True)
@@ -130,17 +131,45 @@ class Forward:
         return outcomes
 
     def _answers(self, soil: FloatArray, inputs: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
-        """Answers of the model (n, m, 3), and its status (n, m)."""
-        run = self.drive.answers(self.model)
+        """Answers (n, m, width) for soil arrays (n, p), and their status (n, m)."""
         groups = list(self.by_wheel(soil))
         if len(groups) == 1:
-            return run(groups[0][1], self.conditions, inputs, every_row=every_row)
-        values = np.empty((len(soil), len(self.conditions.slip), 3))
+            return self.answers(groups[0][1], self.conditions, inputs, every_row=every_row)
+        values = np.empty((len(soil), len(self.conditions.slip), self.width))
         status = np.empty(values.shape[:2], dtype=np.int8)
         for rows, theta in groups:
             part = take(self.conditions, rows)
-            values[:, rows], status[:, rows] = run(theta, part, inputs[..., rows], every_row=every_row)
+            values[:, rows], status[:, rows] = self.answers(theta, part, inputs[..., rows], every_row=every_row)
         return values, status
+
+    @property
+    def width(self) -> int:
+        """Number of answers of the model: the outcomes but for a latent load."""
+        return len(self.drive.with_load.outcomes)
+
+    def answers(
+        self, theta: FloatArray, rows: Conditions, given: FloatArray, *, every_row: bool = False
+    ) -> tuple[FloatArray, Codes]:
+        """Answers of the model (n, m, width) in rows to what is given, and its status (n, m)."""
+        run = self.model.forces_at if self.drive.by_sinkage else self.model.response_at
+        return run(theta, rows, given, every_row=every_row)
+
+    def slopes(self, theta: FloatArray, rows: Conditions, given: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same answers, and their derivatives by its parameters and by what is given.
+
+        Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
+        """
+        values, _ = self.answers(theta, rows, given, every_row=True)
+        slopes = self.model.jacobian_at(theta, rows, given if self.drive.by_sinkage else values[..., SINKAGE])
+        if self.drive.by_sinkage:
+            return values, slopes
+        by_sinkage = slopes[..., -1:].copy()
+        sinkage = np.concatenate([-slopes[..., _FORCE, :-1], np.ones_like(by_sinkage[..., _FORCE, :])], axis=-1)
+        sinkage /= by_sinkage[..., _FORCE, :]
+        slopes[..., -1] = 0.0
+        slopes = slopes + by_sinkage * sinkage
+        slopes[..., SINKAGE, :] = sinkage[..., 0, :]
+        return values, self.model.known_under(given, slopes)
 
     def by_wheel(self, soil: FloatArray) -> Iterator[tuple[BoolArray, FloatArray]]:
         """Rows (m,) that share the parameters of the model, and these (n, k), for soil arrays (n, p)."""

@@ -36,17 +36,14 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.condition_errors import STEP
 from bayesterra.likelihood.covariance import TableLaw
-from bayesterra.likelihood.forward import Forward, offset_of, take
+from bayesterra.likelihood.forward import offset_of, take
 from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.models import Conditions
-from bayesterra.models.forces import NORMAL_FORCE, SINKAGE
+from bayesterra.models.forces import SINKAGE
 from bayesterra.parameters import SoilColumns
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Prior
-
-_FORCE = slice(NORMAL_FORCE, NORMAL_FORCE + 1)
 
 
 @dataclass(frozen=True)
@@ -82,13 +79,13 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     soil, inputs = prior.soil_values(x), forward.given
     offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
     shift = _column_slopes(prior)[SoilColumns.sinkage_offset] * forward.as_read
-    parameters, shape = forward.model.parameters, (len(x), len(inputs), 3)
+    parameters, shape = forward.model.parameters, (len(x), len(inputs), forward.width)
     values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
     by_load = np.zeros(shape)
     for rows, theta in forward.by_wheel(soil):
         part = take(forward.conditions, rows)
         at = inputs[rows] - offset if forward.drive.by_sinkage else inputs[rows]
-        values[:, rows], local = _by_soil_and_given(forward, theta, part, at)
+        values[:, rows], local = forward.slopes(theta, part, at)
         slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
         by_load[:, rows] = local[..., -1]
     if forward.drive.by_sinkage:
@@ -99,28 +96,6 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     if forward.drive.latent_load:
         return _with_normal_force(posterior, inputs, values, slopes, by_load)
     return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
-
-
-def _by_soil_and_given(
-    forward: Forward, theta: FloatArray, conditions: Conditions, inputs: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Answers of the model (n, m, 3), and their derivatives by its parameters and by what is given.
-
-    Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
-    """
-    model = forward.model
-    if forward.drive.by_sinkage:
-        values, _ = model.forces_at(theta, conditions, inputs, every_row=True)
-        return values, model.jacobian_at(theta, conditions, inputs)
-    values, _ = model.response_at(theta, conditions, inputs, every_row=True)
-    slopes = model.jacobian_at(theta, conditions, values[..., SINKAGE])
-    by_sinkage = slopes[..., -1:].copy()
-    sinkage = np.concatenate([-slopes[..., _FORCE, :-1], np.ones_like(by_sinkage[..., _FORCE, :])], axis=-1)
-    sinkage /= by_sinkage[..., _FORCE, :]
-    slopes[..., -1] = 0.0
-    slopes = slopes + by_sinkage * sinkage
-    slopes[..., SINKAGE, :] = sinkage[..., 0, :]
-    return values, model.known_under(inputs, slopes)
 
 
 def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:

@@ -8,15 +8,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import StrEnum
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
-from bayesterra.models import WheelSoilModel
 from bayesterra.parameters import OUTCOMES
 from bayesterra.study.observations import Observations
 
@@ -112,11 +109,3 @@ class Drive(StrEnum):
     def given(self, rows: Observations) -> FloatArray:
         """Sinkage (m) or load (N) of every row (m,) that the model is given; a latent load as best known."""
         return rows.values["sinkage"] if self.by_sinkage else rows.known_loads
-
-    def answers(self, model: WheelSoilModel) -> Callable[..., tuple[FloatArray, NDArray[np.int8]]]:
-        """The batch function of a model that answers to what is given."""
-        return model.forces_at if self.by_sinkage else model.response_at
-
-    def slopes(self, model: WheelSoilModel) -> Callable[..., FloatArray]:
-        """The batch function of a model that has the derivatives of these answers."""
-        return model.jacobian_at if self.by_sinkage else model.response_jacobian_at

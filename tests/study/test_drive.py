@@ -6,7 +6,6 @@ import pickle
 import numpy as np
 import pytest
 
-from bayesterra.models import M1
 from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
 
@@ -60,12 +59,5 @@ def test_what_the_model_is_given() -> None:
 
 
 def test_a_latent_load_that_is_known_is_the_drive_by_load() -> None:
-    """Curves and point estimates take it so, and the model answers to what is given."""
+    """Curves and point estimates take it so."""
     assert [drive.with_load for drive in Drive] == [Drive.LOAD, Drive.SINKAGE, Drive.LOAD]
-    model = M1()
-    assert [drive.answers(model) for drive in Drive] == [
-        model.response_at, model.forces_at, model.response_at,
-    ]  # fmt: skip
-    assert [drive.slopes(model) for drive in Drive] == [
-        model.response_jacobian_at, model.jacobian_at, model.response_jacobian_at,
-    ]  # fmt: skip
