@@ -18,21 +18,7 @@ from scipy.stats import rankdata
 from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.checking.validation import estimates, spread_draws
 from bayesterra.parameters import PARAMETERS, field_values
-from bayesterra.report.figures import (
-    DATA,
-    INK,
-    MARKS,
-    POSTERIOR,
-    PRIOR,
-    PROBABILITIES,
-    label,
-    mark_key,
-    name_cells,
-    one_of,
-    own_axes,
-    panels,
-    styled,
-)
+from bayesterra.report import figures
 from bayesterra.study.page import axis
 from bayesterra.study.result import Result, summary_rows
 
@@ -45,7 +31,7 @@ GAP = 0.05
 """Between panels of the corner plot, in panels."""
 
 
-@styled
+@figures.styled
 def corner(result: Result) -> FloatArray:
     """Draw all pairs of parameters in field units; returns the axes (d, d), none above the diagonal.
 
@@ -57,7 +43,7 @@ def corner(result: Result) -> FloatArray:
     posterior, prior = spread_draws(result, CORNER_DRAWS) / scale, result.values("prior") / scale
     figure, limits = Figure(figsize=(size, size)), _limits(result, posterior)
     FigureCanvasAgg(figure)
-    axes = _panels(figure, limits, [label(PARAMETERS[name]) for name in names])
+    axes = _panels(figure, limits, [figures.label(PARAMETERS[name]) for name in names])
     _prior_layer(axes, prior, [(along.low, along.high) for along in (axis(result, name) for name in names)])
     _posterior_layer(axes, posterior, limits)
     _points(axes, result, scale)
@@ -93,22 +79,22 @@ def _prior_layer(axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, 
     """Prior on its whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
     for ax, x, y, pair in _pairs(axes, draws, ranges):
         corner_library.hist2d(
-            x, y, PRIOR_BINS, pair, ax=ax, smooth=3.0, levels=(PRIOR_MASS,), fill_contours=True, color=PRIOR, **_BARE,
-            contour_kwargs={"alpha": 0.4, "linewidths": 0.7}, contourf_kwargs={"colors": PALE},
+            x, y, PRIOR_BINS, pair, ax=ax, smooth=3.0, levels=(PRIOR_MASS,), fill_contours=True, color=figures.PRIOR,
+            contour_kwargs={"alpha": 0.4, "linewidths": 0.7}, contourf_kwargs={"colors": PALE}, **_BARE,
         )  # fmt: skip
     for ax, column, ends in zip(np.diagonal(axes), draws.T, ranges, strict=True):
-        ax.stairs(*_marginal(column, ends, PRIOR_BINS, 2.0), color=PRIOR, alpha=0.6, baseline=None)
+        ax.stairs(*_marginal(column, ends, PRIOR_BINS, 2.0), color=figures.PRIOR, alpha=0.6, baseline=None)
 
 
 def _posterior_layer(axes: FloatArray, draws: FloatArray, limits: list[tuple[float, float]]) -> None:
     for ax, x, y, pair in _pairs(axes, draws, limits):
         corner_library.hist2d(
-            x, y, CORNER_BINS, pair, ax=ax, smooth=1.2, levels=PROBABILITIES, no_fill_contours=True, color=POSTERIOR,
-            **_BARE,
+            x, y, CORNER_BINS, pair, ax=ax, smooth=1.2, levels=figures.PROBABILITIES, no_fill_contours=True,
+            color=figures.POSTERIOR, **_BARE,
         )  # fmt: skip
     for ax, column, ends in zip(np.diagonal(axes), draws.T, limits, strict=True):
         heights, edges = _marginal(column, ends, CORNER_BINS, 1.0)
-        ax.stairs(heights, edges, color=POSTERIOR, baseline=None)
+        ax.stairs(heights, edges, color=figures.POSTERIOR, baseline=None)
         ax.set_ylim(0, 1.12 * max(float(drawn.get_data().values.max()) for drawn in ax.patches))
 
 
@@ -150,11 +136,13 @@ def _points(axes: FloatArray, result: Result, scale: FloatArray) -> None:
     for i, j in zip(*np.tril_indices(len(axes)), strict=True):
         x, y = result.names[j], result.names[i]
         if i == j:
-            axes[i, i].axvline(rows[x].mode, color=POSTERIOR, linewidth=0.9, linestyle=(0, (4, 2)))
+            axes[i, i].axvline(rows[x].mode, color=figures.POSTERIOR, linewidth=0.9, linestyle=(0, (4, 2)))
             continue
-        axes[i, j].plot(rows[x].mode, rows[y].mode, "P", color=POSTERIOR, markersize=6.5, markeredgecolor="white")
+        axes[i, j].plot(
+            rows[x].mode, rows[y].mode, "P", color=figures.POSTERIOR, markersize=6.5, markeredgecolor="white"
+        )
         for method, values in estimates(result).items():
-            mark, at = MARKS[method], {**nan, **values}
+            mark, at = figures.MARKS[method], {**nan, **values}
             axes[i, j].plot(
                 at[x] / scale[j], at[y] / scale[i], mark.marker, color=mark.colour, markersize=4.5,
                 markerfacecolor="none" if mark.hollow else mark.colour,
@@ -163,18 +151,18 @@ def _points(axes: FloatArray, result: Result, scale: FloatArray) -> None:
 
 def _corner_legend(figure: Figure, result: Result) -> None:
     entries: list[Line2D | Patch] = [
-        Line2D([], [], color=POSTERIOR, label="posterior: 50 and 90 %"),
-        Patch(facecolor=PALE[1], edgecolor=PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
-        Line2D([], [], color=POSTERIOR, marker="P", linestyle="none", label="mode"),
+        Line2D([], [], color=figures.POSTERIOR, label="posterior: 50 and 90 %"),
+        Patch(facecolor=PALE[1], edgecolor=figures.PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
+        Line2D([], [], color=figures.POSTERIOR, marker="P", linestyle="none", label="mode"),
     ]
-    entries += map(mark_key, estimates(result))
+    entries += map(figures.mark_key, estimates(result))
     figure.legend(handles=entries, loc="upper right", bbox_to_anchor=(0.97, 0.97), fontsize=12)
 
 
-@styled
+@figures.styled
 def correlations(result: Result, ax: Axes | None = None) -> Axes:
     """Draw the correlation of every pair of parameters, the paper's groups P_I, P_II and P_III boxed."""
-    ax = own_axes(ax, 5.0, 4.4)
+    ax = figures.own_axes(ax, 5.0, 4.4)
     names, matrix = result.names, np.atleast_2d(np.corrcoef(result.values().T))
     shown = np.where(np.tri(len(names), k=-1, dtype=bool), matrix, np.nan)
     ax.pcolormesh(np.ma.masked_invalid(shown), cmap="PuOr_r", vmin=-1.6, vmax=1.6, edgecolors="none")
@@ -182,7 +170,7 @@ def correlations(result: Result, ax: Axes | None = None) -> Axes:
         text = f"{round(matrix[i, j], 2) + 0.0:.2f}".replace("-", "−")
         ax.text(j + 0.5, i + 0.5, text, ha="center", va="center", fontsize=8)
     _group_boxes(ax, names)
-    name_cells(ax, names)
+    figures.name_cells(ax, names)
     return ax
 
 
@@ -192,10 +180,10 @@ def _group_boxes(ax: Axes, names: tuple[str, ...]) -> None:
     for group in dict.fromkeys(g for g in groups if g):
         first, size = groups.index(group), groups.count(group)
         corners = np.array([[0, 0], [0, size], [size, size], [0, 0]]) + first
-        ax.plot(corners[:, 0], corners[:, 1], color=INK, linewidth=1.4)
+        ax.plot(corners[:, 0], corners[:, 1], color=figures.INK, linewidth=1.4)
         subscript = group.removeprefix("P_")
         ax.text(first + size / 2 + 0.12, first + size / 2 - 0.12, rf"$P_\mathrm{{{subscript}}}$",
-                color=DATA, fontsize=9, ha="left", va="bottom")  # fmt: skip
+                color=figures.DATA, fontsize=9, ha="left", va="bottom")  # fmt: skip
 
 
 SHADES = ("#08306B", "#2171B5", "#6BAED6", "#41B6A6", "#7A7A7A", "#B8B8B8")
@@ -204,20 +192,20 @@ COLUMNS = 5
 """Panels in a row where all parameters are drawn."""
 
 
-@styled
+@figures.styled
 def trace(result: Result, name: str = "lp", ax: Axes | None = None) -> Axes:
     """Draw a parameter, or the log density ``lp``, over the steps of every ensemble.
 
     Lines: median and 5 and 95 % of the walkers, one shade per ensemble. Level bands that overlie each other
     show ensembles that agree.
     """
-    ax = own_axes(ax)
-    steps, bands = _walker_bands(result, one_of("name", name, ("lp", *result.names)))
+    ax = figures.own_axes(ax)
+    steps, bands = _walker_bands(result, figures.one_of("name", name, ("lp", *result.names)))
     for i, band in enumerate(bands):
         shade = SHADES[i % len(SHADES)]
         ax.plot(steps, band[1], color=shade, linewidth=0.9)
         ax.plot(steps, band[[0, 2]].T, color=shade, linewidth=0.5, alpha=0.7)
-    shown = "log density" if name == "lp" else label(PARAMETERS[name])
+    shown = "log density" if name == "lp" else figures.label(PARAMETERS[name])
     ax.set(xlabel="step", ylabel=shown, xlim=(steps[0], steps[-1]))
     return ax
 
@@ -234,10 +222,10 @@ def _walker_bands(result: Result, name: str) -> tuple[IntArray, FloatArray]:
     return steps, np.quantile(walkers, [0.05, 0.5, 0.95], axis=1).swapaxes(0, 1)
 
 
-@styled
+@figures.styled
 def traces(result: Result) -> FloatArray:
     """Draw the log density and all parameters as :func:`trace` does, side by side; returns their axes."""
-    axes = panels(1 + len(result.names), COLUMNS)
+    axes = figures.panels(1 + len(result.names), COLUMNS)
     for ax, name in zip(axes, ("lp", *result.names), strict=True):
         trace(result, name, ax)
     for ax in axes[:-COLUMNS]:
@@ -245,37 +233,37 @@ def traces(result: Result) -> FloatArray:
     return axes
 
 
-@styled
+@figures.styled
 def ranks(result: Result, name: str, ax: Axes | None = None) -> Axes:
     """Draw how the draws of every ensemble rank among all (Vehtari et al. 2021): flat where ensembles agree.
 
     Grey: where 95 % of the steps lie if they do, for the effective number of draws.
     """
-    ax = own_axes(ax)
-    draws = result.draws["posterior"][one_of("name", name, result.names)].to_numpy()
+    ax = figures.own_axes(ax)
+    draws = result.draws["posterior"][figures.one_of("name", name, result.names)].to_numpy()
     order = rankdata(draws, axis=None).reshape(draws.shape) / draws.size
     edges = np.linspace(0, 1, RANK_BINS + 1)
     ess = summary_rows(result)[name].ess_bulk
     spread = 1.96 * np.sqrt((RANK_BINS - 1) * len(draws) / ess)
-    ax.axhspan(1 - spread, 1 + spread, color=PRIOR, alpha=0.2, linewidth=0)
+    ax.axhspan(1 - spread, 1 + spread, color=figures.PRIOR, alpha=0.2, linewidth=0)
     for i, chain in enumerate(order):
         heights = np.histogram(chain, edges)[0] * RANK_BINS / chain.size
         ax.stairs(heights, edges, color=SHADES[i % len(SHADES)], linewidth=1.0, baseline=None)
-    ax.axhline(1, color=INK, linewidth=0.5)
+    ax.axhline(1, color=figures.INK, linewidth=0.5)
     reach = max(0.25, 2.5 * spread)
-    ax.set(xlabel=f"rank of {label(PARAMETERS[name], unit=False)} among all draws", ylabel="relative frequency")
+    ax.set(xlabel=f"rank of {figures.label(PARAMETERS[name], unit=False)} among all draws", ylabel="relative frequency")
     ax.set(xlim=(0, 1), ylim=(max(0.0, 1 - reach), 1 + reach))
     return ax
 
 
-@styled
+@figures.styled
 def all_ranks(result: Result) -> FloatArray:
     """Draw all parameters as :func:`ranks` does, side by side on one scale; returns their axes."""
-    axes = panels(len(result.names), COLUMNS)
+    axes = figures.panels(len(result.names), COLUMNS)
     for ax, name in zip(axes, result.names, strict=True):
         ranks(result, name, ax)
         ax.set(xlabel="", ylabel="", xticks=(0, 0.5, 1))
-        ax.set_title(label(PARAMETERS[name], unit=False), y=0.86)
+        ax.set_title(figures.label(PARAMETERS[name], unit=False), y=0.86)
     reach = max(ax.get_ylim()[1] for ax in axes)
     for i, ax in enumerate(axes):
         ax.set_ylim(max(0.0, 2 - reach), reach)

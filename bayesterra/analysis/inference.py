@@ -40,19 +40,9 @@ from bayesterra.parameters import DERIVED, PARAMETERS, PRIOR_PARAMETERS, Paramet
 from bayesterra.report.verdicts import Failures, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
+from bayesterra.sampling import evidence as evidences
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import OF_SOIL_TESTS
-from bayesterra.sampling.evidence import (
-    Evidence,
-    PosteriorProposal,
-    Redrawn,
-    Weighted,
-    against_nested,
-    check_installed,
-    ensembles_evidence,
-    of_evidence,
-    redrawn,
-)
 from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
 from bayesterra.stats.diagnostics import hdi
@@ -96,7 +86,7 @@ def run(
     StudyError : a cross-check is asked for, and its sampler is not installed.
     """
     if crosscheck:
-        check_installed()
+        evidences.check_installed()
     started = time.perf_counter()
     target = posterior(study)
     streams = SeedSequence(seed).spawn(11)
@@ -116,7 +106,9 @@ def run(
     )
     densities = Target(target, samples.coordinates).densities
     integral = failures.attempt(
-        "evidence", lambda: ensembles_evidence(densities, samples.adaptations, default_rng(weighing)), lambda: None
+        "evidence",
+        lambda: evidences.ensembles_evidence(densities, samples.adaptations, default_rng(weighing)),
+        lambda: None,
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, conditional, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
@@ -125,8 +117,8 @@ def run(
         return result
 
     def against() -> dict[str, Any]:
-        ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
-        comparison = against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+        ours = evidences.Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], integral)
+        comparison = evidences.against_nested(target, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
         return {"crosscheck": comparison.record()}
 
     entry = failures.attempt("crosscheck", against, dict[str, Any])
@@ -147,7 +139,7 @@ class Analysis:
     kept: ThinnedDraws
     mode: Mode
     conditional: Mode | None
-    evidence: Evidence | None
+    evidence: evidences.Evidence | None
     fits: Mapping[str, Fit]
     refused: tuple[str, ...]
     failures: Failures
@@ -174,7 +166,7 @@ class Analysis:
             dict[str, PointEstimate],
         )
         table, directions = self.identifiability(default_rng(informing))
-        noise = failures.attempt("noise", lambda: self.other_noise(default_rng(scaling)), dict[str, Redrawn])
+        noise = failures.attempt("noise", lambda: self.other_noise(default_rng(scaling)), dict[str, evidences.Redrawn])
         checked, tested, following = Validation(None, None, None), None, None
         if self.posterior.driven:
             checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
@@ -184,7 +176,7 @@ class Analysis:
         findings = {
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
             "sampling": sampler.of_samples(self.samples, self.kept.every),
-            **({"evidence": of_evidence(self.evidence, self.prior)} if self.evidence else {}),
+            **({"evidence": evidences.of_evidence(self.evidence, self.prior)} if self.evidence else {}),
             "prior_support": {"tried": self.prior.tried, "shares": dict(self.prior.shares)},
             "mode": self._modes(),
             "fits": {name: results.of_fit(fitted) for name, fitted in self.fits.items()},
@@ -264,16 +256,16 @@ class Analysis:
 
         return next_drive(self.study, self.posterior, self.kept.spaced(QUICK), seed)
 
-    def other_noise(self, rng: Generator) -> dict[str, Redrawn]:
+    def other_noise(self, rng: Generator) -> dict[str, evidences.Redrawn]:
         """Draws of the posteriors with half and with double the stated noise; none where all is estimated."""
         if not self.study.noise_stated:
             return {}
-        near = PosteriorProposal.of(self.posterior, self.kept.spaced(MODE_DRAWS))
+        near = evidences.PosteriorProposal.of(self.posterior, self.kept.spaced(MODE_DRAWS))
         others = {name: posterior(self.study.with_noise(factor)) for name, factor in OTHER_NOISE.items()}
         with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
-            return {name: redrawn(near, other, rng) for name, other in others.items()}
+            return {name: evidences.redrawn(near, other, rng) for name, other in others.items()}
 
-    def _intervals(self, noise: Mapping[str, Redrawn], quantities: Iterable[str]) -> dict[str, list[float]]:
+    def _intervals(self, noise: Mapping[str, evidences.Redrawn], quantities: Iterable[str]) -> dict[str, list[float]]:
         """Columns of the summary: 90 % HDI of parameters with other noise, field units; NaN of what derives."""
         columns, names = dict[str, list[float]](), self.posterior.names
         for name, other in noise.items():

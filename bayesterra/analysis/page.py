@@ -9,28 +9,14 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from bayesterra.analysis import closing_page
 from bayesterra.analysis import figures as analysis_figures
-from bayesterra.analysis.closing_page import (
-    added_sections,
-    methods_section,
-    prior_section,
-    reproduce_section,
-    signing_section,
-    words_section,
-)
 from bayesterra.analysis.figures import PRIOR_MASS
 from bayesterra.analysis.findings_page import Finding, findings, strip
 from bayesterra.analysis.soil_tests_page import soil_tests_sections
 from bayesterra.arrays import FloatArray
 from bayesterra.checking import validation_page
 from bayesterra.checking.validation import complete_soils, estimates, spread_draws
-from bayesterra.checking.validation_page import (
-    cross_validation_section,
-    misfit_warning,
-    missed_sections,
-    posterior_checks,
-    prior_predictive,
-)
 from bayesterra.identifiability.evidence_page import identifiability_section
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.forward import reference_load
@@ -38,18 +24,8 @@ from bayesterra.likelihood.page import conditions, prior_sources, slip_note, sta
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models.traction import SLIP_GRID
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values, in_order
+from bayesterra.report import numbers
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
-from bayesterra.report.numbers import (
-    NOTHING,
-    estimate,
-    given,
-    interval,
-    moments,
-    plain,
-    resolution,
-    rounded,
-    with_error,
-)
 from bayesterra.report.sections import Draft, Prose, Section, VerdictPage
 from bayesterra.report.symbols import amount, angles, listed, quantity_of, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
@@ -97,24 +73,24 @@ def _sections(draft: Draft[Result], result: Result) -> tuple[Section, ...]:
     """All sections, in their order; those about rows of wheels where there are any."""
     driven = bool(result.study.wheels)
     of_rows = (
-        *draft.sections("What the model misses", missed_sections),
+        *draft.sections("What the model misses", validation_page.missed_sections),
         draft.section("checks", "Predictive checks", predictive_section),
-        draft.section("loo", "Cross-validation", cross_validation_section, "loo"),
+        draft.section("loo", "Cross-validation", validation_page.cross_validation_section, "loo"),
     ) if driven else ()  # fmt: skip
-    of_methods = (draft.section("methods", "Least squares side by side", methods_section, "standings"),)
+    of_methods = (draft.section("methods", "Least squares side by side", closing_page.methods_section, "standings"),)
     return (
         draft.section("data", "Data and model" if driven else "Model and prior", data_section),
         draft.section("sampling", "Sampling quality", sampling_section),
         draft.section("posterior", "Posterior", posterior_section),
         *draft.sections("Soil tests", soil_tests_sections),
-        *draft.sections("What the wheel adds", added_sections),
+        *draft.sections("What the wheel adds", closing_page.added_sections),
         *of_rows,
         draft.section("identifiability", "Identifiability", identifiability_section, "identifiability"),
         *(of_methods if driven else ()),
-        draft.section("prior", "Sensitivity to prior and noise", prior_section),
-        draft.section("words", "What the words mean", words_section),
-        draft.section("reproduce", "Reproduce this", reproduce_section),
-        draft.section("signing", "Methods and sign-off", signing_section),
+        draft.section("prior", "Sensitivity to prior and noise", closing_page.prior_section),
+        draft.section("words", "What the words mean", closing_page.words_section),
+        draft.section("reproduce", "Reproduce this", closing_page.reproduce_section),
+        draft.section("signing", "Methods and sign-off", closing_page.signing_section),
     )
 
 
@@ -142,7 +118,7 @@ MISFIT = {
 def warning(result: Result) -> Markup:
     """Warning against the use of the figures as they stand, and the mend; empty where nothing forbids it."""
     misfit = (
-        misfit_warning(verdict.html, *MISFIT[verdict.name])
+        validation_page.misfit_warning(verdict.html, *MISFIT[verdict.name])
         for verdict in result.verdicts
         if verdict.name in MISFIT and verdict.grade == "bad"
     )
@@ -171,7 +147,7 @@ def _priors(result: Result) -> Table:
     rows = summary_rows(result)
     body: list[tuple[Cell, ...]] = []
     for name in in_order(entries):
-        cut = moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
+        cut = numbers.moments(rows[name].prior_mean, rows[name].prior_sd) if name in rows else ("", "")
         what = (symbol(name), angles(PARAMETERS[name].description))
         body.append((*what, stated_law(name, entries[name]), *cut))
     caption, at = say("priors", _joined(result.study)), result.study.prior.reference
@@ -206,8 +182,8 @@ def _parameters(result: Result) -> Table:
     rows = []
     for row in result.summary.to_dict("records"):
         ends = (row["hdi90_lo"], row["hdi90_hi"])
-        step = resolution(*ends)
-        figures = (rounded(row["mode"], step), rounded(row["median"], step), interval(*ends))
+        step = numbers.resolution(*ends)
+        figures = (numbers.rounded(row["mode"], step), numbers.rounded(row["median"], step), numbers.interval(*ends))
         name = row["parameter"]
         rows.append((quantity_of(name).symbol, row["unit"], *reached(name, *ends, *figures), words.get(name, "")))
     header = ("parameter", "unit", "mode", "median", "90 % HDI", "verdict")
@@ -236,8 +212,8 @@ def _evidence(record: Mapping[str, Any]) -> Markup:
     evidence = record.get("evidence")
     if evidence is None:
         return Markup("{}").format(failed(record, "evidence"))
-    z, error = with_error(evidence["log_z"], evidence["error"])
-    share, share_error = with_error(evidence["log_share"], evidence["log_share_error"])
+    z, error = numbers.with_error(evidence["log_z"], evidence["error"])
+    share, share_error = numbers.with_error(evidence["log_share"], evidence["log_share_error"])
     return say("evidence", z, error, share, share_error, evidence)
 
 
@@ -246,14 +222,14 @@ def _checks(result: Result) -> Table:
         (
             Markup("<b>{}</b>").format("passed" if check["passed"] else "FAILED"),
             check["name"],
-            plain(check["value"], 4),
-            plain(check["threshold"], 4),
+            numbers.plain(check["value"], 4),
+            numbers.plain(check["threshold"], 4),
             "" if check["passed"] else check["advice"],
         )
         for check in result.record["verdict"]["checks"]
     )
     sampling, settings = result.record["sampling"], result.record["settings"]
-    caption = say("checks", settings, sampling["steps"], plain(sampling["acceptance"], 2))
+    caption = say("checks", settings, sampling["steps"], numbers.plain(sampling["acceptance"], 2))
     return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
 
 
@@ -261,8 +237,8 @@ def _chains(result: Result) -> Table:
     tau = result.record["sampling"]["tau"]
     rows: list[tuple[Cell, ...]] = []
     for name, row in summary_rows(result).items():
-        effective = (plain(value) for value in (row.ess_bulk, row.ess_tail, tau.get(name)))
-        errors = (plain(error, 2) for error in (row.mcse_mean, row.mcse_median, row.mcse_sd))
+        effective = (numbers.plain(value) for value in (row.ess_bulk, row.ess_tail, tau.get(name)))
+        errors = (numbers.plain(error, 2) for error in (row.mcse_mean, row.mcse_median, row.mcse_sd))
         rows.append((symbol(name), f"{row.r_hat:.4f}", *effective, *errors))
     header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
     return Table(say("chains"), "lrrrrrrr", header, tuple(rows))
@@ -283,24 +259,24 @@ def posterior_section(result: Result) -> Blocks:
 def _summary(result: Result) -> Table:
     rows: list[tuple[Cell, ...]] = []
     for name, row in summary_rows(result).items():
-        step = resolution(*row.hdi)
-        values = (rounded(value, step) for value in (row.mode, row.median, row.mean))
-        prior = moments(row.prior_mean, row.prior_sd)
-        what = (symbol(name), angles(quantity_of(name).description), unit(name) or NOTHING)
-        rows.append((*what, *values, plain(row.sd, 2), interval(*row.hdi), *prior))
+        step = numbers.resolution(*row.hdi)
+        values = (numbers.rounded(value, step) for value in (row.mode, row.median, row.mean))
+        prior = numbers.moments(row.prior_mean, row.prior_sd)
+        what = (symbol(name), angles(quantity_of(name).description), unit(name) or numbers.NOTHING)
+        rows.append((*what, *values, numbers.plain(row.sd, 2), numbers.interval(*row.hdi), *prior))
     header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
     return Table(say("summary"), "lllrrrrrrr", header, tuple(rows))
 
 
 def predictive_section(result: Result) -> Blocks:
     """Predictive checks."""
-    blocks: list[Block] = list(posterior_checks(result))
+    blocks: list[Block] = list(validation_page.posterior_checks(result))
     if line := failed(result.record, "curves"):
         blocks.append(Text(line, "bad"))
     else:
         for wheel in result.study.wheels:
             blocks += [_bands(result, wheel), slip_table(result, wheel)]
-    blocks += [_residuals(result), prior_predictive(result)]
+    blocks += [_residuals(result), validation_page.prior_predictive(result)]
     return tuple(blocks)
 
 
@@ -366,10 +342,10 @@ def driving(result: Result) -> Driving:
     load = reference_load(result.study)
     derived: list[tuple[Cell, ...]] = []
     for name in (name for name in DERIVED if name in summary):
-        middle, ends = reached(name, *summary[name].hdi, *estimate(summary[name].median, *summary[name].hdi))
+        middle, ends = reached(name, *summary[name].hdi, *numbers.estimate(summary[name].median, *summary[name].hdi))
         derived.append((DERIVED[name].description, amount(name, middle), ends))
     return Driving(
-        f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {given(round(load, 1))} N",
+        f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {numbers.given(round(load, 1))} N",
         tuple(derived),
         header,
         rows,
@@ -388,8 +364,8 @@ def reached(name: str, low: float, high: float, *cells: str) -> tuple[str, ...]:
     if not name.endswith("_slip") or high < SLIP_GRID[-1] - 1e-9:
         return cells
     if low >= SLIP_GRID[-1] - 1e-9:
-        return (*[NOTHING] * (len(cells) - 1), f"not reached below {SLIP_GRID[-1]:.2g}")
-    return (*cells[:-1], f"{rounded(low, resolution(low, high))} or more")
+        return (*[numbers.NOTHING] * (len(cells) - 1), f"not reached below {SLIP_GRID[-1]:.2g}")
+    return (*cells[:-1], f"{numbers.rounded(low, numbers.resolution(low, high))} or more")
 
 
 def driven_slips(result: Result, wheel: str) -> FloatArray:
@@ -413,7 +389,7 @@ def _at_slips(
         for name in outcomes:
             bands = drawn[name][[0, 2, 4]]
             low, middle, high = (np.interp(slip, curves["slip"].to_numpy(), band) for band in bands)
-            cells += estimate(middle, low, high)
+            cells += numbers.estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
 

@@ -29,77 +29,62 @@ from bayesterra.report.verdicts import Verdict, failed, quotable, sampling_verdi
 from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
 from bayesterra.runtime.reading import check_sums, damage, read_json
 from bayesterra.runtime.tables import Count, Number, read_csv
-from bayesterra.study.result import (
-    CURVE_QUANTILES,
-    ChannelName,
-    DrawnResult,
-    ParameterName,
-    PriorRecord,
-    Result,
-    Some,
-    StudyRecord,
-    conditions_dataset,
-    labelled_dataset,
-    left_out_dataset,
-    observed_dataset,
-    of_rows,
-    parameter_dataset,
-)
+from bayesterra.study import result as base
 from bayesterra.study.study import Study, load_study
 
 Method = Literal["IM1", "IM2", "IM3", "joint", "IM1 lsqcurvefit", "IM2 lsqcurvefit", "IM3 lsqcurvefit"]
-Names = list[ParameterName]
-Values = dict[ParameterName, Some]
+Names = list[base.ParameterName]
+Values = dict[base.ParameterName, base.Some]
 Sampling = TypedDict("Sampling", {
     "acceptance": Number, "steps": Count, "kept_one_step_in": Count, "tau": Values,
-    "temperatures": list[Count], "proposal_efficiency": list[Some], "log_evidence": list[Some],
+    "temperatures": list[Count], "proposal_efficiency": list[base.Some], "log_evidence": list[base.Some],
 })  # fmt: skip
 Evidence = TypedDict("Evidence", {
-    "log_z": Number, "error": Number, "k_hat": Some, "limit": Number, "draws": Count, "reliable": bool,
+    "log_z": Number, "error": Number, "k_hat": base.Some, "limit": Number, "draws": Count, "reliable": bool,
     "spread": NotRequired[Number], "log_share": Number, "log_share_error": Number,
 })  # fmt: skip
 PriorSupport = TypedDict("PriorSupport", {"tried": Count, "shares": dict[str, Number]})
-Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count, "delta_chi2": NotRequired[Some]})
+Mode = TypedDict("Mode", {"log_density": Number, "agreeing_starts": Count, "delta_chi2": NotRequired[base.Some]})
 NextDrive = TypedDict("NextDrive", {
     "wheel": str, "load": Number, "slip": Number, "bits": Number, "error": Number, "same_load": Number,
     "candidates": Count,
 })  # fmt: skip
-OtherNoise = TypedDict("OtherNoise", {"k_hat": Some, "refitted": bool, "reliable": bool})
+OtherNoise = TypedDict("OtherNoise", {"k_hat": base.Some, "refitted": bool, "reliable": bool})
 Fit = TypedDict("Fit", {
-    "converged": bool, "passes": Count, "errors_percent": dict[ChannelName, Some], "held": Names,
+    "converged": bool, "passes": Count, "errors_percent": dict[base.ChannelName, base.Some], "held": Names,
     "at_bound": Names, "missing": Names, "notes": list[str],
 })  # fmt: skip
 Standing = TypedDict("Standing", {
-    "credible_level": Some, "log_density": Some, "word": str, "at_bound": Names, "filled": Names,
+    "credible_level": base.Some, "log_density": base.Some, "word": str, "at_bound": Names, "filled": Names,
     "values": Values,
 })  # fmt: skip
 Group = TypedDict("Group", {
-    "scope": str, "view": str, "directions": Count, "determined": Count, "effective": Some,
-    "cut_effective": Some,
+    "scope": str, "view": str, "directions": Count, "determined": Count, "effective": base.Some,
+    "cut_effective": base.Some,
 })  # fmt: skip
 Directions = TypedDict("Directions", {
     "determined": Count, "of": Count, "contractions": list[Number], "groups": list[Group],
     "unseen": list[str],
 })  # fmt: skip
-Check = TypedDict("Check", {"channel": ChannelName, "statistic": str, "p": Number, "calibrated": Number})
+Check = TypedDict("Check", {"channel": base.ChannelName, "statistic": str, "p": Number, "calibrated": Number})
 Checks = TypedDict("Checks", {
     "checks": list[Check], "overall": Number, "replicates": Count, "effective": list[Number],
 })  # fmt: skip
 PriorCheck = TypedDict("PriorCheck", {
-    "channel": ChannelName, "statistic": str, "value": Number, "low": Number, "high": Number, "p": Number,
+    "channel": base.ChannelName, "statistic": str, "value": Number, "low": Number, "high": Number, "p": Number,
 })  # fmt: skip
 PriorChecks = TypedDict("PriorChecks", {"checks": list[PriorCheck], "overall": Number})
-Row = TypedDict("Row", {"row": Count, "elpd": Number, "error": Number, "k": Some, "refitted": bool})
+Row = TypedDict("Row", {"row": Count, "elpd": Number, "error": Number, "k": base.Some, "refitted": bool})
 LeftOut = TypedDict("LeftOut", {
-    "rows": list[Row], "full": list[Number], "pit": dict[ChannelName, list[Some]],
+    "rows": list[Row], "full": list[Number], "pit": dict[base.ChannelName, list[base.Some]],
 })  # fmt: skip
 Reading = TypedDict("Reading", {
     "by": str, "reliable": bool, "predictor": str, "level": str, "row": Count, "wheel": str, "slip": Number,
-    "channel": ChannelName, "unit": str, "extrapolated": bool, "observed": Number, "q05": Some, "q25": Some,
-    "q50": Some, "q75": Some, "q95": Some, "pit": Some, "crps": Some, "log_score": Some, "covered50": bool,
-    "covered90": bool, "no_answer": Number, "detail": str,
+    "channel": base.ChannelName, "unit": str, "extrapolated": bool, "observed": Number, "q05": base.Some,
+    "q25": base.Some, "q50": base.Some, "q75": base.Some, "q95": base.Some, "pit": base.Some, "crps": base.Some,
+    "log_score": base.Some, "covered50": bool, "covered90": bool, "no_answer": Number, "detail": str,
 })  # fmt: skip
-SoilTests = TypedDict("SoilTests", {"checks": dict[str, Some], "alarm": bool})
+SoilTests = TypedDict("SoilTests", {"checks": dict[str, base.Some], "alarm": bool})
 FAILING = {
     "evidence": ("evidence",),
     "directions": ("directions", "identifiability"),
@@ -118,7 +103,7 @@ def _same_length(loo: LeftOut) -> LeftOut:
     return loo
 
 
-class RunRecord(StudyRecord):
+class RunRecord(base.StudyRecord):
     """The content of ``run.json`` of a run on one soil."""
 
     sampling: Sampling
@@ -146,7 +131,7 @@ class RunRecord(StudyRecord):
         return [name for name, causes in FAILING.items() if failed & set(causes)]
 
 
-class RunResult(Result):
+class RunResult(base.Result):
     """The outcome of a run on one soil."""
 
     RECORD = RunRecord
@@ -200,7 +185,7 @@ class RunResult(Result):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class PriorResult(DrawnResult):
+class PriorResult(base.DrawnResult):
     """Result of a study before its readings.
 
     Attributes
@@ -213,7 +198,7 @@ class PriorResult(DrawnResult):
     """
 
     TABLES = ("summary", "predictive")
-    RECORD = PriorRecord
+    RECORD = base.PriorRecord
     GROUP = "prior"
     VIEW = "bayesterra.analysis.prior_page:prior"
     WITH_STUDY = True
@@ -360,7 +345,7 @@ def read_pooled(folder: Path) -> PooledResult:
         return PooledResult(**_content(folder, PooledResult))
 
 
-def _files(kind: type[Result], folder: Path) -> tuple[str, ...]:
+def _files(kind: type[base.Result], folder: Path) -> tuple[str, ...]:
     """Files that a folder must hold, and tables of soil tests that it holds; few are about wheels."""
     tables, extra = (f"{name}.csv" for name in kind.TABLES), (f"{name}.csv" for name in ("new_tests", "bands"))
     held = [name for name in extra if (folder / name).is_file()]
@@ -369,7 +354,7 @@ def _files(kind: type[Result], folder: Path) -> tuple[str, ...]:
     return tuple(n for n in (DRAWS, RECORD, "study.toml", "measurements.csv", *tables, *held) if n not in idle)
 
 
-def _missing(folder: Path, kind: type[Result]) -> list[str]:
+def _missing(folder: Path, kind: type[base.Result]) -> list[str]:
     return [name for name in _files(kind, folder) if not (folder / name).is_file()]
 
 
@@ -439,26 +424,28 @@ def draws_tree(
         predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
         groups = {
             "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
-            **{name: of_rows(dataset, use) for name, dataset in predicted.items()},
-            "observed_data": of_rows(observed_dataset(study), use),
-            "constant_data": of_rows(conditions_dataset(study), use),
+            **{name: base.of_rows(dataset, use) for name, dataset in predicted.items()},
+            "observed_data": base.of_rows(base.observed_dataset(study), use),
+            "constant_data": base.of_rows(base.conditions_dataset(study), use),
             **({"curves": curves} if curves is not None else {}),
         }
     if not use.all():
-        groups["predictions"] = of_rows(predicted["posterior_predictive"], ~use)
-        groups["predictions_constant_data"] = left_out_dataset(study)
+        groups["predictions"] = base.of_rows(predicted["posterior_predictive"], ~use)
+        groups["predictions_constant_data"] = base.left_out_dataset(study)
     for experiment in posterior.experiments:
         terms = experiment.log_likelihoods(flat).reshape(*shape, -1)
-        dataset = labelled_dataset({"log_likelihood": ((*two, "test"), terms)})
+        dataset = base.labelled_dataset({"log_likelihood": ((*two, "test"), terms)})
         groups[f"soil_test_{experiment.test.name}"] = dataset.assign_coords(test=list(experiment.readings.tests))
     stated, stretch = posterior.prior.stated(flat), posterior.prior.log_stretch(flat)
     densities = {n: law.log_density(stated[:, i]) + stretch[:, i] for i, (n, law) in enumerate(laws.items())}
     stats = {"lp": (two, log_density.reshape(shape)), **{name: (two, values) for name, values in labels.items()}}
     whole = {
-        "posterior": parameter_dataset(posterior.names, chains),
-        "sample_stats": labelled_dataset(stats),
-        "log_prior": labelled_dataset({name: (two, density.reshape(shape)) for name, density in densities.items()}),
-        "prior": parameter_dataset(posterior.names, prior[None]),
+        "posterior": base.parameter_dataset(posterior.names, chains),
+        "sample_stats": base.labelled_dataset(stats),
+        "log_prior": base.labelled_dataset(
+            {name: (two, density.reshape(shape)) for name, density in densities.items()}
+        ),
+        "prior": base.parameter_dataset(posterior.names, prior[None]),
     }
     return labelled_tree({**whole, **groups})
 
@@ -473,7 +460,7 @@ def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
         silent = np.asarray(silent.all(axis=1, keepdims=True))
     values = np.where(silent, np.nan, pointwise)
     dims = ("chain", "draw", "row")
-    dataset = labelled_dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
+    dataset = base.labelled_dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
     return dataset.assign_coords(row=list(likelihood.observations.rows))
 
 
@@ -482,7 +469,7 @@ def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
     chains = len(rows.readings) if rows.readings.ndim == 4 else 1
     readings = rows.readings.reshape(chains, -1, *rows.readings.shape[-2:])
     dims = ("chain", "draw", "row")
-    dataset = labelled_dataset({name: (dims, readings[..., i]) for i, name in enumerate(rows.channels)})
+    dataset = base.labelled_dataset({name: (dims, readings[..., i]) for i, name in enumerate(rows.channels)})
     return dataset.assign_coords(row=list(study.observations.rows))
 
 
@@ -491,10 +478,10 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
     dims = ("wheel", "quantile", "point", "outcome")
     with np.errstate(all="ignore"):
         stacks = {
-            name: np.stack([answered_quantiles(getattr(curve, name), CURVE_QUANTILES) for curve in curves])
+            name: np.stack([answered_quantiles(getattr(curve, name), base.CURVE_QUANTILES) for curve in curves])
             for name in ("modelled", "readings")
         }
-    dataset = labelled_dataset(
+    dataset = base.labelled_dataset(
         {
             **{name: (dims, values) for name, values in stacks.items()},
             "slip": (("wheel", "point"), np.stack([curve.slip for curve in curves])),
@@ -502,5 +489,5 @@ def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:
         }
     )
     return dataset.assign_coords(
-        wheel=[curve.wheel for curve in curves], quantile=list(CURVE_QUANTILES), outcome=list(curves[0].outcomes)
+        wheel=[curve.wheel for curve in curves], quantile=list(base.CURVE_QUANTILES), outcome=list(curves[0].outcomes)
     )

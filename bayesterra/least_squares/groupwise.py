@@ -17,17 +17,7 @@ from bayesterra.least_squares.settings import GROUPS, Readings, Settings
 from bayesterra.least_squares.solver import Box, ClippedModel, Curve, Formula, Minimum, minimise
 from bayesterra.least_squares.trust_region import emulate
 from bayesterra.likelihood.forward import Forward
-from bayesterra.models import M1, WheelSoilModel
-from bayesterra.models.decoupled import (
-    Complex,
-    Contact,
-    drawbar_pull_2,
-    drawbar_pull_3,
-    normal_force_2,
-    normal_force_3,
-    resistance_moment_2,
-    resistance_moment_3,
-)
+from bayesterra.models import M1, WheelSoilModel, decoupled
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.study.drive import Drive
 
@@ -256,16 +246,19 @@ def _change(difference: FloatArray, plan: Plan, settings: Settings) -> float:
 
 
 BOTH = ("normal_force", "resistance_moment")
-EQUATIONS: dict[str, tuple[tuple[str, str, Callable[[Complex, Contact], Complex], tuple[str, ...]], ...]] = {
+EQUATIONS: dict[
+    str,
+    tuple[tuple[str, str, Callable[[decoupled.Complex, decoupled.Contact], decoupled.Complex], tuple[str, ...]], ...],
+] = {
     "IM2": (
-        ("P_III", "drawbar_pull", drawbar_pull_2, ("drawbar_pull", *BOTH)),
-        ("P_I", "normal_force", normal_force_2, BOTH),
-        ("P_II", "resistance_moment", resistance_moment_2, BOTH),
+        ("P_III", "drawbar_pull", decoupled.drawbar_pull_2, ("drawbar_pull", *BOTH)),
+        ("P_I", "normal_force", decoupled.normal_force_2, BOTH),
+        ("P_II", "resistance_moment", decoupled.resistance_moment_2, BOTH),
     ),
     "IM3": (
-        ("P_III", "drawbar_pull", drawbar_pull_3, ("drawbar_pull", *BOTH)),
-        ("P_I", "normal_force", normal_force_3, ("normal_force",)),
-        ("P_II", "resistance_moment", resistance_moment_3, BOTH),
+        ("P_III", "drawbar_pull", decoupled.drawbar_pull_3, ("drawbar_pull", *BOTH)),
+        ("P_I", "normal_force", decoupled.normal_force_3, ("normal_force",)),
+        ("P_II", "resistance_moment", decoupled.resistance_moment_3, BOTH),
     ),
 }
 """Group, channel, equation and the channels it needs, in the order of the fits."""
@@ -274,9 +267,9 @@ EQUATIONS: dict[str, tuple[tuple[str, str, Callable[[Complex, Contact], Complex]
 def decoupled_steps(method: str, readings: Readings, model: WheelSoilModel) -> list[Step]:
     """The three fits of IM2 or IM3."""
     forces = readings.forces["normal_force"], readings.forces["resistance_moment"]
-    at = Contact.of(model, readings.conditions, readings.sinkage, *forces)
+    at = decoupled.Contact.of(model, readings.conditions, readings.sinkage, *forces)
 
-    def formula(equation: Callable[[Complex, Contact], Complex]) -> Formula:
+    def formula(equation: Callable[[decoupled.Complex, decoupled.Contact], decoupled.Complex]) -> Formula:
         return Formula(lambda theta: equation(theta, at))
 
     return [

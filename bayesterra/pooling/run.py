@@ -44,16 +44,6 @@ from bayesterra.sampling.summary import array_diagnosis, parameter_rows, summary
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
 from bayesterra.study.groups import law_sd
-from bayesterra.study.result import (
-    SI_UNITS,
-    Result,
-    StudyRecord,
-    conditions_dataset,
-    left_out_dataset,
-    observed_dataset,
-    of_rows,
-    parameter_dataset,
-)
 from bayesterra.study.study import Study
 
 PRIOR_DRAWS = 1000
@@ -69,7 +59,7 @@ PoolingEntry = TypedDict(  # noqa: UP013
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class PooledResult(Result):
+class PooledResult(result.Result):
     """The outcome of a run with pooling; everything its report shows.
 
     Attributes
@@ -85,7 +75,7 @@ class PooledResult(Result):
     """
 
     TABLES = ("summary", "pooling", "sharing", "left_out")
-    RECORD = StudyRecord.having(pooling=PoolingEntry)
+    RECORD = result.StudyRecord.having(pooling=PoolingEntry)
     VIEW = "bayesterra.pooling.page:pooled"
 
     pooling: pd.DataFrame
@@ -132,7 +122,7 @@ class PooledResult(Result):
         index = {"chain": np.repeat(np.arange(chain), draw), "draw": np.tile(np.arange(draw), chain)}
         return pd.DataFrame({**index, **dict(zip(self.names, self.values().T, strict=True))})
 
-    def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
+    def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> result.Result:
         """Draws of the parameters that one group has, shared and own, as a result without groups.
 
         Parameters
@@ -158,8 +148,8 @@ class PooledResult(Result):
             shared = _stacked(data, joint.shared_and_hyper)
             own = _stacked(data.sel(group=group), joint.local) if group else joint.draw_untested(shared, rng)
             chains = joint.of_group(shared, own).reshape(data.sizes["chain"], data.sizes["draw"], -1)
-            trees[name] = parameter_dataset(joint.first.names, chains)
-        return Result(
+            trees[name] = result.parameter_dataset(joint.first.names, chains)
+        return result.Result(
             study=self.study.of_group(group),
             draws=xr.DataTree.from_dict(trees),
             summary=pd.DataFrame([self._row(joint, name, group, trees) for name in joint.first.names]),
@@ -388,11 +378,11 @@ def _tree(
             {name: (("group", "sample"), alone[:, :, i]) for i, name in enumerate(names)},
             coords={"group": list(joint.groups)},
         ),
-        "observed_data": of_rows(observed_dataset(study), rows.use),
-        "constant_data": of_rows(conditions_dataset(study), rows.use),
+        "observed_data": result.of_rows(result.observed_dataset(study), rows.use),
+        "constant_data": result.of_rows(result.conditions_dataset(study), rows.use),
     }
     if not rows.use.all():
-        groups["predictions_constant_data"] = left_out_dataset(study)
+        groups["predictions_constant_data"] = result.left_out_dataset(study)
     return labelled_tree(groups)
 
 
@@ -407,7 +397,7 @@ def _dataset(joint: JointPosterior, chains: FloatArray) -> xr.Dataset:
     dataset = xr.Dataset(variables, coords={"group": list(joint.groups)})
     for name in map(str, dataset.data_vars):
         quantity = PARAMETERS[name.split(".")[0]]
-        unit = SI_UNITS.get(quantity.name, quantity.dimension or "1")
+        unit = result.SI_UNITS.get(quantity.name, quantity.dimension or "1")
         dataset[name].attrs.update(units=unit, long_name=PARAMETERS[name].description)
     return dataset
 

@@ -15,16 +15,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from concurrent.futures import (
-    FIRST_COMPLETED,
-    BrokenExecutor,
-    CancelledError,
-    Executor,
-    Future,
-    ProcessPoolExecutor,
-    ThreadPoolExecutor,
-    wait,
-)
+from concurrent import futures
 from contextlib import contextmanager
 from functools import cache, lru_cache
 from importlib.metadata import PackageNotFoundError, version
@@ -45,7 +36,7 @@ ATTEMPTS = 3
 """Workers that may die at one task before it is given up."""
 
 
-class Engine(Executor):
+class Engine(futures.Executor):
     """An executor of ``concurrent.futures`` that says how many functions it computes at a time.
 
     As a context it ends its workers: in order, or at once after an error or Ctrl-C.
@@ -118,9 +109,9 @@ def usable_processors() -> int:
 class InProcess(Engine):
     """Computes every function at once, here."""
 
-    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> futures.Future[T]:
         """Compute a function; its errors are raised here."""
-        future: Future[T] = Future()
+        future: futures.Future[T] = futures.Future()
         future.set_result(function(*arguments, **keywords))
         return future
 
@@ -134,9 +125,9 @@ class LocalPool(Engine):
 
     def __init__(self, workers: int) -> None:
         self._workers, self._ended = workers, False
-        self._lanes = ThreadPoolExecutor(workers, "worker", initializer=_keep_from_interrupts)
+        self._lanes = futures.ThreadPoolExecutor(workers, "worker", initializer=_keep_from_interrupts)
         self._own, self._lock = threading.local(), threading.Lock()
-        self._begun = list[ProcessPoolExecutor]()
+        self._begun = list[futures.ProcessPoolExecutor]()
 
     @property
     def workers(self) -> int:
@@ -148,7 +139,7 @@ class LocalPool(Engine):
         """True where no process was started yet."""
         return not self._begun
 
-    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> futures.Future[T]:
         """Hand a function to the next process that has nothing to do.
 
         The future raises BrokenExecutor where ``ATTEMPTS`` processes died at it.
@@ -160,24 +151,24 @@ class LocalPool(Engine):
         while True:
             try:
                 future = self._submitted(function, arguments, keywords)
-            except BrokenExecutor:  # it died while it waited: nobody's fault
+            except futures.BrokenExecutor:  # it died while it waited: nobody's fault
                 self._own.process = None
                 continue
             try:
                 return future.result()
-            except BrokenExecutor:
+            except futures.BrokenExecutor:
                 self._own.process, attempts = None, attempts + 1
                 if attempts == ATTEMPTS:
                     raise
 
-    def _submitted(self, function: Callable[..., T], arguments: tuple[Any, ...], keywords: Any) -> Future[T]:
+    def _submitted(self, function: Callable[..., T], arguments: tuple[Any, ...], keywords: Any) -> futures.Future[T]:
         """Hand a function to this thread's process, which starts with the first."""
         with self._lock:
             if self._ended:
                 raise RuntimeError("the pool has ended")
-            process: ProcessPoolExecutor | None = getattr(self._own, "process", None)
+            process: futures.ProcessPoolExecutor | None = getattr(self._own, "process", None)
             if process is None:
-                process = self._own.process = ProcessPoolExecutor(1, get_context("spawn"), initializer=_start)
+                process = self._own.process = futures.ProcessPoolExecutor(1, get_context("spawn"), initializer=_start)
                 self._begun.append(process)
             return process.submit(function, *arguments, **keywords)
 
@@ -310,7 +301,7 @@ def _here(task: Callable[[N], T], todo: Iterator[N], seconds: float = math.inf) 
 
 def _elsewhere(content: bytes, todo: Iterator[N], engine: Engine) -> Iterator[list[tuple[N, Any]]]:
     """Keep the workers busy, and hand over what they send; after an error also what they are still at."""
-    waiting: dict[Future[Any], N] = {}
+    waiting: dict[futures.Future[Any], N] = {}
     failure: Exception | None = None
     try:
         while True:
@@ -320,7 +311,7 @@ def _elsewhere(content: bytes, todo: Iterator[N], engine: Engine) -> Iterator[li
             if not waiting:
                 break
             outcomes: list[tuple[N, Any]] = []
-            for future in wait(waiting, timeout=GLANCE, return_when=FIRST_COMPLETED).done:
+            for future in futures.wait(waiting, timeout=GLANCE, return_when=futures.FIRST_COMPLETED).done:
                 number = waiting.pop(future)
                 try:
                     outcomes.append((number, future.result()))
@@ -340,7 +331,7 @@ def _elsewhere(content: bytes, todo: Iterator[N], engine: Engine) -> Iterator[li
 
 def _meaning(error: Exception, number: object, engine: Engine) -> Exception:
     meaning = engine.meaning(error)
-    if not isinstance(meaning, BrokenExecutor):
+    if not isinstance(meaning, futures.BrokenExecutor):
         return meaning
     return EngineError(
         f"task {number}: every worker that took it died (was memory short? does a script lack its"
@@ -420,10 +411,10 @@ class DaskCluster(Engine):
         content: bytes = dumps(task)
         return content
 
-    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> Future[T]:
+    def submit(self, function: Callable[..., T], /, *arguments: Any, **keywords: Any) -> futures.Future[T]:
         """Hand a function to the scheduler."""
         with _reaching(self._address):
-            future: Future[T] = self._executor.submit(function, *arguments, **keywords)
+            future: futures.Future[T] = self._executor.submit(function, *arguments, **keywords)
         return future
 
     def meaning(self, error: Exception) -> Exception:
@@ -431,8 +422,8 @@ class DaskCluster(Engine):
         from distributed import KilledWorker
 
         if isinstance(error, KilledWorker):
-            return BrokenExecutor(str(error))
-        if isinstance(error, CancelledError):
+            return futures.BrokenExecutor(str(error))
+        if isinstance(error, futures.CancelledError):
             return _gone(self._address)
         if isinstance(error, ModuleNotFoundError):
             return EngineError(f"a worker of '{self._address}' lacks what the task needs: {error}")

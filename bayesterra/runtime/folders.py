@@ -13,21 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from bayesterra.errors import BayesterraError, ResultError, StudyError
-from bayesterra.runtime.ownership import (
-    MADE,
-    REPLACES,
-    RUN,
-    TASKS,
-    WORK,
-    begin_mark,
-    is_work,
-    locked,
-    note,
-    own_names,
-    remove_ours,
-    strangers,
-    unfinished,
-)
+from bayesterra.runtime import ownership
 from bayesterra.runtime.reading import MEGABYTE, SUMS, read_text, sums_of
 
 
@@ -61,7 +47,7 @@ def check_free(folder: Path, *, overwrite: bool, mark: str = "run.json") -> None
 
 def _check_replaceable(folder: Path, mark: str) -> None:
     """ResultError unless all in a folder was written by the package, as a result of the kind of ``mark``."""
-    names = own_names(folder, finished=True)
+    names = ownership.own_names(folder, finished=True)
     if mark not in names or not (folder / mark).exists():
         kind = "a result folder" if mark == "run.json" else f"a folder with {mark}"
         raise ResultError(f"'{folder}' is not {kind}: it is not replaced, give another with --out")
@@ -71,7 +57,7 @@ def _check_replaceable(folder: Path, mark: str) -> None:
 
 
 def _check_all_ours(folder: Path, names: frozenset[str]) -> None:
-    for path in strangers(folder, names):
+    for path in ownership.strangers(folder, names):
         raise ResultError(
             f"'{path}' was not written by bayesterra and is left alone: move it away, or give another folder with --out"
         )
@@ -80,16 +66,16 @@ def _check_all_ours(folder: Path, names: frozenset[str]) -> None:
 def _check_part(place: Path) -> None:
     """ResultError where the folder to work in is there already and not, or not only, the package's."""
     part = part_of(place)
-    for path in (part, part / WORK):
+    for path in (part, part / ownership.WORK):
         if path.is_symlink():
             raise ResultError(f"'{path}' is a link to another folder: remove it, or give another with --out")
     if not part.exists() or _is_replaced(part, place):
         return
-    if not is_work(part / WORK):
+    if not ownership.is_work(part / ownership.WORK):
         raise ResultError(
             f"'{part}' was not made by bayesterra and is left alone: move it away, or give another with --out"
         )
-    _check_all_ours(part, own_names(part, finished=False))
+    _check_all_ours(part, ownership.own_names(part, finished=False))
 
 
 def place_of(folder: Path) -> Path:
@@ -113,7 +99,7 @@ def whole_folder(
     resume: bool = False,
     mark: str = "run.json",
     sums: bool = True,
-    kind: str = RUN,
+    kind: str = ownership.RUN,
 ) -> Iterator[Path]:
     """Work in ``<folder>.part``; on success it takes the name of ``folder``, with checksums of its files.
 
@@ -134,7 +120,7 @@ def whole_folder(
     if part.exists() and _is_replaced(part, place):
         clear_up(place)
     fresh = _begin(part, place)
-    with locked(part / WORK / "lock", f"'{part}'") as ours:
+    with ownership.locked(part / ownership.WORK / "lock", f"'{part}'") as ours:
         try:
             _recover(place)
             check_free(folder, overwrite=overwrite, mark=mark)  # another run may just have ended
@@ -154,7 +140,7 @@ def whole_folder(
             _swap(part, place)
             tidy(place)
         except (OSError, BayesterraError) as error:
-            if ours() and not unfinished(part)[1]:
+            if ours() and not ownership.unfinished(part)[1]:
                 _give_up(part, place)
             if isinstance(error, BayesterraError):
                 raise
@@ -167,13 +153,13 @@ def _begin(part: Path, place: Path) -> bool:
         return False
     made = _beside(place, "begun")
     try:
-        (made / WORK).mkdir(parents=True)
-        begin_mark(made / WORK)
+        (made / ownership.WORK).mkdir(parents=True)
+        ownership.begin_mark(made / ownership.WORK)
         made.rename(part)
     except OSError as error:
         with suppress(OSError):
-            remove_ours(made, ())
-        if is_work(part / WORK):
+            ownership.remove_ours(made, ())
+        if ownership.is_work(part / ownership.WORK):
             return False  # another process was quicker
         raise ResultError(f"'{part}' cannot be written: {error.strerror or error}") from error
     return True
@@ -181,9 +167,9 @@ def _begin(part: Path, place: Path) -> bool:
 
 def _check_unfinished(part: Path, kind: str, *, overwrite: bool, resume: bool) -> None:
     """ResultError where something was saved, and what to do with it was not said or cannot be done."""
-    there, saved = unfinished(part)
+    there, saved = ownership.unfinished(part)
     if saved and there not in (kind, "") and (resume or not overwrite):
-        whose = "an older version" if there == TASKS else "another command"
+        whose = "an older version" if there == ownership.TASKS else "another command"
         raise ResultError(
             f"'{part}' holds {saved} of {whose}: go on with that, give another folder with --out,"
             " or begin anew with --overwrite alone"
@@ -194,22 +180,23 @@ def _check_unfinished(part: Path, kind: str, *, overwrite: bool, resume: bool) -
 
 def tidy(place: Path) -> None:
     """Remove from a whole folder what served its making; a kill in the last moment leaves it there."""
-    work = place / WORK
+    work = place / ownership.WORK
     if part_of(place).exists() and _is_replaced(part_of(place), place):
         return  # what tells that is still needed
     with suppress(OSError):
-        if is_work(work) and not any(path.parent == work for path in strangers(place, ())):
+        if ownership.is_work(work) and not any(path.parent == work for path in ownership.strangers(place, ())):
             hidden = _beside(place, "removed")
             hidden.mkdir()
-            work.rename(hidden / WORK)
+            work.rename(hidden / ownership.WORK)
             _remove_hidden(hidden, place)
 
 
 def clear_up(folder: Path) -> None:
     """Remove all that runs left which were killed as their folders began, or had become whole."""
     place = place_of(folder)
-    if is_work(place / WORK):
-        with suppress(ResultError), locked(place / WORK / "lock", f"'{place}'"):  # it may be just ending
+    if ownership.is_work(place / ownership.WORK):
+        # it may be just ending
+        with suppress(ResultError), ownership.locked(place / ownership.WORK / "lock", f"'{place}'"):
             part = part_of(place)
             if part.exists() and _is_replaced(part, place):
                 _discard(part, place)
@@ -226,9 +213,9 @@ def clear_up(folder: Path) -> None:
 def _give_up(part: Path, place: Path) -> None:
     """Remove a folder in the making, but for what someone else has put there."""
     with suppress(OSError, ResultError):
-        names = own_names(part, finished=False)
-        if any(strangers(part, names)):
-            remove_ours(part, names)
+        names = ownership.own_names(part, finished=False)
+        if any(ownership.strangers(part, names)):
+            ownership.remove_ours(part, names)
         else:
             _discard(part, place)
 
@@ -246,11 +233,11 @@ def _discard(old: Path, place: Path) -> None:
 def _is_ours(hidden: Path) -> bool:
     """True where a folder with a hidden name is the package's, not one that happens to have such a name."""
     with suppress(OSError):  # empty, as a kill may leave it
-        (hidden / WORK).rmdir()
+        (hidden / ownership.WORK).rmdir()
     try:
-        names = own_names(hidden, finished=(hidden / SUMS).exists())
-        marked = (hidden / SUMS).exists() or is_work(hidden / WORK)
-        return marked or not any(strangers(hidden, names))
+        names = ownership.own_names(hidden, finished=(hidden / SUMS).exists())
+        marked = (hidden / SUMS).exists() or ownership.is_work(hidden / ownership.WORK)
+        return marked or not any(ownership.strangers(hidden, names))
     except (OSError, ResultError):
         return False
 
@@ -259,26 +246,27 @@ def _remove_hidden(hidden: Path, place: Path) -> None:
     """Remove a folder of ours with a hidden name; what is someone else's in it goes into the new folder."""
     with suppress(OSError, ResultError):
         finished = (hidden / SUMS).exists()
-        names = own_names(hidden, finished=finished)
-        for path in list(strangers(hidden, names)) if finished else ():
+        names = ownership.own_names(hidden, finished=finished)
+        for path in list(ownership.strangers(hidden, names)) if finished else ():
             kept = place / path.relative_to(hidden)
             if kept.parent.is_dir() and not os.path.lexists(kept):
                 path.rename(kept)
-        remove_ours(hidden, names)
+        ownership.remove_ours(hidden, names)
 
 
 def _clear(part: Path, *, resume: bool) -> None:
     """Remove what an earlier run left, but for lock and mark and, to resume, what it saved."""
-    begin_mark(part / WORK)
-    names = own_names(part, finished=False)
-    kept = {part / WORK} if resume else {part / WORK / "lock", part / WORK / MADE}
-    remove_ours(part, names, kept=kept)
+    ownership.begin_mark(part / ownership.WORK)
+    names = ownership.own_names(part, finished=False)
+    work = part / ownership.WORK
+    kept = {work} if resume else {work / "lock", work / ownership.MADE}
+    ownership.remove_ours(part, names, kept=kept)
     (part / SUMS).unlink(missing_ok=True)
 
 
 def _close(part: Path, *, sums: bool) -> None:
     """Add the checksums, and see that all of a finished folder is on the disk."""
-    names = [name for name in own_names(part, finished=False) if (part / name).is_file()]
+    names = [name for name in ownership.own_names(part, finished=False) if (part / name).is_file()]
     if sums:
         write_text(part / SUMS, sums_of(part, set(names) - {SUMS}))
     folders = {(part / name).parent for name in names}
@@ -293,7 +281,7 @@ def _swap(part: Path, place: Path) -> None:
     """
     aside = _beside(place, "replaced")
     if place.exists():
-        write_text(part / WORK / REPLACES, _identity(place))
+        write_text(part / ownership.WORK / ownership.REPLACES, _identity(place))
     if place.exists() and _exchanged(part, place):
         to_disk(place.parent)
         _discard(part, place)
@@ -313,10 +301,10 @@ def _swap(part: Path, place: Path) -> None:
 
 def _is_replaced(part: Path, place: Path) -> bool:
     """True where ``part`` is the folder that ``place`` has replaced, by a run that was killed just then."""
-    if not is_work(place / WORK) or is_work(part / WORK):
+    if not ownership.is_work(place / ownership.WORK) or ownership.is_work(part / ownership.WORK):
         return False
     try:
-        return read_text(place / WORK / REPLACES, MEGABYTE) == _identity(part)
+        return read_text(place / ownership.WORK / ownership.REPLACES, MEGABYTE) == _identity(part)
     except (OSError, ValueError):
         return False
 
@@ -343,7 +331,7 @@ def _exchanged(folder: Path, other: Path) -> bool:
 def _recover(place: Path) -> None:
     """Give an old folder its name back that had stepped aside for a run which was killed just then."""
     for aside in _all_beside(place, "replaced"):
-        if not place.exists() and not any(strangers(aside, own_names(aside, finished=True))):
+        if not place.exists() and not any(ownership.strangers(aside, ownership.own_names(aside, finished=True))):
             aside.rename(place)
 
 
@@ -388,7 +376,7 @@ def to_disk(path: Path) -> None:
 
 def make_folder(path: Path, first: str) -> None:
     """Make a folder for files, the first of which is named, so that after a kill it is known as ours."""
-    note(path / first)
+    ownership.note(path / first)
     path.mkdir()
 
 
@@ -399,7 +387,7 @@ def write_text(path: Path, text: str) -> None:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file so that a reader sees the old or the new one, never a part."""
-    note(path)
+    ownership.note(path)
     temporary, file = _temporary(path)
     try:
         with file:

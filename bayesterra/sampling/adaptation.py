@@ -18,15 +18,7 @@ import numpy as np
 from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
-from bayesterra.stats.mixture import (
-    StudentMixture,
-    effective_number,
-    largest_power,
-    log_mean,
-    relative,
-    root,
-    systematic,
-)
+from bayesterra.stats import mixture as mixtures
 from bayesterra.stats.transport import Proposal, fit_proposal
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -99,7 +91,7 @@ class _Particles:
 
     def resampled(self, log_weights: FloatArray, rng: Generator) -> _Particles:
         """As many points, drawn by weight."""
-        chosen = systematic(relative(log_weights), len(self.u), rng)
+        chosen = mixtures.systematic(mixtures.relative(log_weights), len(self.u), rng)
         return _Particles(self.u[chosen], self.log_prior[chosen], self.log_likelihood[chosen])
 
     def accept(self, new: _Particles, log_ratio: FloatArray, rng: Generator) -> None:
@@ -144,7 +136,7 @@ def adapt(
 def _next_step(log_likelihood: FloatArray, most: float, keep: float) -> float:
     """Largest temperature step that keeps the wanted share of effective points."""
     alive = log_likelihood[log_likelihood > -np.inf]  # a draw of the prior may round to just outside
-    return largest_power(alive, most, keep * len(alive))
+    return mixtures.largest_power(alive, most, keep * len(alive))
 
 
 def _fitted(
@@ -232,9 +224,9 @@ def _weighted(
 ) -> tuple[FloatArray, FloatArray]:
     """Points to fit, and their weights: draws resampled by truncated weights, and the anchor."""
     # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-    excess = log_weights - log_mean(log_weights)
+    excess = log_weights - mixtures.log_mean(log_weights)
     truncated = np.minimum(excess, 0.5 * np.log(len(log_weights)))
-    chosen = systematic(np.exp(FLATTENING * truncated), 5 * len(anchor), rng)
+    chosen = mixtures.systematic(np.exp(FLATTENING * truncated), 5 * len(anchor), rng)
     weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(anchor), 0.5)])
     return np.concatenate([drawn[chosen], anchor]), weights
 
@@ -265,7 +257,7 @@ class _Drawn:
         self.log_proposals.append(proposal.log_density(self.u))
         self.proposals.append((proposal, n))
         alone = target - self.log_proposals[-1][-n:]
-        return effective_number(relative(alone)) / n, float(log_mean(alone))
+        return mixtures.effective_number(mixtures.relative(alone)) / n, float(mixtures.log_mean(alone))
 
     def log_weights(self) -> FloatArray:
         """Log importance weights against the mixture of all proposals."""
@@ -313,7 +305,7 @@ def add_components(
     points = _Points.of(proposal, mixture, evaluated.u, evaluated.level)
     for _ in range(components):
         component = points.component()
-        mixture = StudentMixture(
+        mixture = mixtures.StudentMixture(
             np.append(mixture.weights, share),
             np.vstack([mixture.means, component.means]),
             np.concatenate([mixture.factors, component.factors]),
@@ -335,13 +327,13 @@ class _Points:
     dof: float
 
     @classmethod
-    def of(cls, proposal: Proposal, mixture: StudentMixture, u: FloatArray, log_target: FloatArray) -> _Points:
+    def of(cls, proposal: Proposal, mixture: mixtures.StudentMixture, u: FloatArray, log_target: FloatArray) -> _Points:
         v, log_jacobian = proposal.transport_map.inverse(u)
         level = log_target + log_jacobian
         inside = np.isfinite(level) & np.isfinite(v).all(axis=1)
         return cls(v[inside], level[inside], mixture.log_density(v[inside]), mixture.dof)
 
-    def component(self) -> StudentMixture:
+    def component(self) -> mixtures.StudentMixture:
         """A component about the point of greatest weight, as wide as the weighted points next to it."""
         log_weights = self.log_target - self.log_proposal
         centre = self.v[np.argmax(log_weights)]
@@ -352,10 +344,10 @@ class _Points:
         weights = 0.5 * weights / weights.sum() + 0.5 / len(near)
         offsets = self.v[near] - centre
         covariance = (offsets * weights[:, None]).T @ offsets + 1e-9 * np.diag(spread**2)
-        factor = WIDENING * root(covariance)
-        return StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
+        factor = WIDENING * mixtures.root(covariance)
+        return mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
 
-    def with_component(self, component: StudentMixture, share: float) -> _Points:
+    def with_component(self, component: mixtures.StudentMixture, share: float) -> _Points:
         grown = np.logaddexp(self.log_proposal, np.log(share) + component.log_density(self.v))
         return _Points(self.v, self.log_target, grown, self.dof)
 

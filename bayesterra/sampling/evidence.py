@@ -22,19 +22,8 @@ from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.stats import mixture as mixtures
 from bayesterra.stats.diagnostics import effective_size
-from bayesterra.stats.mixture import (
-    ProposalLaw,
-    RandomSource,
-    StudentMixture,
-    effective_number,
-    fit_mixture,
-    log_mean,
-    pareto_limit,
-    pareto_smoothed,
-    relative,
-    systematic,
-)
 from bayesterra.stats.transport import fit_proposal
 
 COMPONENTS = 12
@@ -82,25 +71,25 @@ class PosteriorProposal(Generic[W]):
         chosen = coordinates(posterior)
         return cls(posterior, chosen, chosen.from_physical(spaced(draws, FITTED)))
 
-    def mixture(self, rng: Generator, widening: float = 1.0) -> StudentMixture:
+    def mixture(self, rng: Generator, widening: float = 1.0) -> mixtures.StudentMixture:
         """A law fitted to the draws, every component stretched by ``widening``."""
         fitted = around(self.u, rng)
         return replace(fitted, factors=widening * fitted.factors)
 
-    def shifted(self, centre: FloatArray) -> StudentMixture:
+    def shifted(self, centre: FloatArray) -> mixtures.StudentMixture:
         """A law as wide as the draws around another centre (d,)."""
         covariance = np.atleast_2d(np.cov(self.u.T))
         steadied = covariance + 1e-9 * np.diag(np.diagonal(covariance))
         factor: FloatArray = np.asarray(np.linalg.cholesky(steadied), dtype=np.float64)
-        return StudentMixture(np.ones(1), centre[None], factor[None], 4.0)
+        return mixtures.StudentMixture(np.ones(1), centre[None], factor[None], 4.0)
 
-    def from_prior(self, densities: Densities, rng: Generator) -> ProposalLaw:
+    def from_prior(self, densities: Densities, rng: Generator) -> mixtures.ProposalLaw:
         """A proposal for another target over the same parameters, found all the way from the prior."""
         plan = AdaptationOptions()
         start = self.coordinates.from_physical(self.posterior.cut_prior(plan.particles, rng))
         return adapt(densities, start, plan, rng).proposal
 
-    def propose(self, mixture: ProposalLaw, n: int, rng: Generator) -> Proposed:
+    def propose(self, mixture: mixtures.ProposalLaw, n: int, rng: Generator) -> Proposed:
         """Draw ``n`` sets from a proposal and keep those inside the prior's range."""
         u = mixture.sample(n, rng)
         x, log_jacobian = self.coordinates.to_physical(u)
@@ -110,12 +99,12 @@ class PosteriorProposal(Generic[W]):
         return Proposed(u[inside], x[inside], base, n)
 
 
-def around(u: FloatArray, rng: Generator) -> StudentMixture:
+def around(u: FloatArray, rng: Generator) -> mixtures.StudentMixture:
     """A law fitted to points (n, d)."""
-    return fit_mixture(u, np.ones(len(u)), COMPONENTS, rng)
+    return mixtures.fit_mixture(u, np.ones(len(u)), COMPONENTS, rng)
 
 
-def refined(start: FloatArray, densities: Densities, rng: Generator) -> ProposalLaw:
+def refined(start: FloatArray, densities: Densities, rng: Generator) -> mixtures.ProposalLaw:
     """A proposal for the target of ``densities`` that starts from points (n, d) near it."""
     widths, plan = start.std(axis=0), REFINEMENT
     first = fit_proposal(start, np.ones(len(start)), widths, plan.components, plan.defence, rng)
@@ -126,10 +115,10 @@ def refined(start: FloatArray, densities: Densities, rng: Generator) -> Proposal
 class Pair:
     """Two proposals in equal shares: where the one is thin, the other may not be."""
 
-    first: ProposalLaw
-    second: ProposalLaw
+    first: mixtures.ProposalLaw
+    second: mixtures.ProposalLaw
 
-    def sample(self, n: int, random: RandomSource) -> FloatArray:
+    def sample(self, n: int, random: mixtures.RandomSource) -> FloatArray:
         """Draw n points (n, d)."""
         return np.concatenate([self.first.sample(n // 2, random), self.second.sample(n - n // 2, random)])
 
@@ -166,10 +155,10 @@ def redrawn(near: PosteriorProposal[Posterior], other: Posterior, rng: Generator
     x, _ = near.coordinates.to_physical(near.u)
     ratio = other.log_prior_and_likelihood(x)[1] - near.posterior.log_prior_and_likelihood(x)[1]
     finite = np.isfinite(ratio)
-    smoothed, k_hat = pareto_smoothed(ratio[finite])
+    smoothed, k_hat = mixtures.pareto_smoothed(ratio[finite])
     weights = np.exp(smoothed)
-    if k_hat <= EVEN and effective_number(weights) >= ENOUGH:
-        return Redrawn(x[finite][systematic(weights, REDRAWN, rng)], k_hat, False, True)
+    if k_hat <= EVEN and mixtures.effective_number(weights) >= ENOUGH:
+        return Redrawn(x[finite][mixtures.systematic(weights, REDRAWN, rng)], k_hat, False, True)
 
     def densities(u: FloatArray) -> tuple[FloatArray, FloatArray]:
         inside, log_jacobian = near.coordinates.to_physical(u)
@@ -177,18 +166,18 @@ def redrawn(near: PosteriorProposal[Posterior], other: Posterior, rng: Generator
         possible = (prior > -np.inf) & np.isfinite(log_jacobian)
         return np.where(possible, prior + np.where(possible, log_jacobian, 0.0), -np.inf), likelihood
 
-    start = near.u[finite][systematic(weights, REFINEMENT.particles, rng)]
+    start = near.u[finite][mixtures.systematic(weights, REFINEMENT.particles, rng)]
     law = Pair(refined(start, densities, rng), near.mixture(rng))
     for n in (2 * REDRAWN, 8 * REDRAWN):
         u = law.sample(n, rng)
         prior, likelihood = densities(u)
         log_weights = np.where(prior > -np.inf, prior + likelihood, -np.inf) - law.log_density(u)
         u, log_weights = u[log_weights > -np.inf], log_weights[log_weights > -np.inf]
-        smoothed, own = pareto_smoothed(log_weights)
-        if own < pareto_limit(n):
+        smoothed, own = mixtures.pareto_smoothed(log_weights)
+        if own < mixtures.pareto_limit(n):
             break
-    chosen = u[systematic(np.exp(smoothed), REDRAWN, rng)]
-    return Redrawn(near.coordinates.to_physical(chosen)[0], k_hat, True, own < pareto_limit(n))
+    chosen = u[mixtures.systematic(np.exp(smoothed), REDRAWN, rng)]
+    return Redrawn(near.coordinates.to_physical(chosen)[0], k_hat, True, own < mixtures.pareto_limit(n))
 
 
 DRAWS = 16384
@@ -241,7 +230,9 @@ class Evidence:
         return replace(self, error=error, spread=spread)
 
 
-def evidence(densities: Densities, proposals: Sequence[ProposalLaw], rng: Generator, draws: int = DRAWS) -> Evidence:
+def evidence(
+    densities: Densities, proposals: Sequence[mixtures.ProposalLaw], rng: Generator, draws: int = DRAWS
+) -> Evidence:
     """Weigh fresh draws, as many from each proposal, against the mixture of them all.
 
     No fit has seen these draws. A part of the posterior that one proposal misses is covered by the others
@@ -249,7 +240,7 @@ def evidence(densities: Densities, proposals: Sequence[ProposalLaw], rng: Genera
     """
     each = -(-draws // len(proposals))
     u = np.concatenate([proposal.sample(each, rng) for proposal in proposals])
-    pooled = log_mean([proposal.log_density(u) for proposal in proposals], axis=0)
+    pooled = mixtures.log_mean([proposal.log_density(u) for proposal in proposals], axis=0)
     log_prior, log_likelihood = densities(u)
     log_weights = np.where(np.isneginf(log_prior), -np.inf, log_prior + log_likelihood) - pooled
     return summed(log_weights.reshape(len(proposals), each))
@@ -263,14 +254,14 @@ def ensembles_evidence(densities: Densities, adaptations: Sequence[Adaptation], 
 
 def summed(log_weights: FloatArray) -> Evidence:
     """Evidence of log weights (proposals, draws); draws of one proposal are a stratum."""
-    top, weights = log_weights.max(), relative(log_weights)
+    top, weights = log_weights.max(), mixtures.relative(log_weights)
     mean, (strata, each) = weights.mean(), weights.shape
     error = np.sqrt(weights.var(axis=1, ddof=1).sum() / each) / strata
-    k_hat = pareto_smoothed(log_weights[np.isfinite(log_weights)])[1]
+    k_hat = mixtures.pareto_smoothed(log_weights[np.isfinite(log_weights)])[1]
     return Evidence(
         log_z=float(top + np.log(mean)), error=float(error / mean),
-        efficiency=effective_number(weights) / weights.size, k_hat=k_hat, limit=pareto_limit(weights.size),
-        draws=weights.size,
+        efficiency=mixtures.effective_number(weights) / weights.size, k_hat=k_hat,
+        limit=mixtures.pareto_limit(weights.size), draws=weights.size,
     )  # fmt: skip
 
 
@@ -315,7 +306,7 @@ class Weighted:
     @classmethod
     def independent(cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float) -> Weighted:
         """Independent draws with weights; their effective number is Kish's."""
-        size = effective_number(weights)
+        size = mixtures.effective_number(weights)
         return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
 
     @classmethod

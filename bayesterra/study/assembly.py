@@ -8,20 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayesterra import parameters
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError, errors_after, known
 from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
-from bayesterra.parameters import (
-    CHANNELS,
-    HELD,
-    LOAD_EFFECT,
-    MODULI,
-    OFFSET,
-    PARAMETERS,
-    PRIOR_PARAMETERS,
-    SOIL_PARAMETERS,
-    of_soil_tests,
-)
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
 from bayesterra.study.drive import Drive
@@ -41,7 +31,7 @@ DEFAULT_PRIOR_SET = "paper-box"
 _ANY_SOIL = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0}
 
 LOAD_EFFECT_MODEL = "M2L"
-HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, **HELD}
+HELD_UNDER_LOAD = {"c1": 0.5, "c2": 0.0, **parameters.HELD}
 """Contact angles that Ding et al. 2015 hold where the load effect is identified, (42)."""
 
 LOAD_MARGIN = 6.0
@@ -92,7 +82,7 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool, whe
     if constant_exponent and entries.setdefault("n1", 0.0) != 0.0:
         raise StudyError("[priors] 'n1' must be left out or 0, as 'constant_exponent' holds it at 0")
     idle = {"n1"} if constant_exponent else set()
-    earlier = _taken(stated, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *LOAD_EFFECT})
+    earlier = _taken(stated, entries, idle if model == LOAD_EFFECT_MODEL else {*idle, *parameters.LOAD_EFFECT})
     notes = [note for prior in earlier for note in prior.notes]
     correlation, mixtures = dict(stated.correlation), dict(stated.mixtures)
     for prior in earlier:
@@ -106,15 +96,15 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool, whe
     effects, held = _load_effect(entries, model)
     notes += held
     stiffness = _stiffness(entries)
-    needed = (*stiffness, *SOIL_PARAMETERS[1:], *effects)
-    missing = [name for name in needed if name not in entries and name not in HELD]
+    needed = (*stiffness, *parameters.SOIL_PARAMETERS[1:], *effects)
+    missing = [name for name in needed if name not in entries and name not in parameters.HELD]
     if missing and stated.chosen is None:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
     chosen = stated.chosen or (DEFAULT_PRIOR_SET if missing else None)
     taken: SoilPrior = {**prior_set(chosen), **prior_set(chosen, load_effect=True)} if chosen else {}
     _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, taken, chosen)
     from_set = {name: entry for name, entry in taken.items() if name in needed}
-    return StatedSoil({**HELD, **from_set, **entries}, correlation, mixtures, earlier, tuple(notes))
+    return StatedSoil({**parameters.HELD, **from_set, **entries}, correlation, mixtures, earlier, tuple(notes))
 
 
 def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
@@ -123,9 +113,15 @@ def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Po
         return ()
     from bayesterra.study.previous import taken  # brings ArviZ along, which most studies need not wait for
 
-    other = {"Ks"} if any(name in entries for name in MODULI) else set(MODULI) if "Ks" in entries else set()
-    other |= {OFFSET, *idle}  # a zero error is that of its own test
-    names = tuple(name for name in PRIOR_PARAMETERS if name not in other)
+    other = (
+        {"Ks"}
+        if any(name in entries for name in parameters.MODULI)
+        else set(parameters.MODULI)
+        if "Ks" in entries
+        else set()
+    )
+    other |= {parameters.OFFSET, *idle}  # a zero error is that of its own test
+    names = tuple(name for name in parameters.PRIOR_PARAMETERS if name not in other)
     tied = {name for pair in stated.correlation for name in pair.split(", ")}
     with errors_after("[priors.from] "):
         return tuple(taken(source, names, tied) for source in stated.sources)
@@ -142,7 +138,7 @@ def _add(into: dict[str, Any], additions: Mapping[str, Any], rule: str, label: s
 def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[str]]:
     """Names of the load effect where the model knows it; holds what (42) holds, with a note."""
     if model != LOAD_EFFECT_MODEL:
-        coefficient = next((name for name in LOAD_EFFECT if name in entries), None)
+        coefficient = next((name for name in parameters.LOAD_EFFECT if name in entries), None)
         if coefficient:
             raise StudyError(
                 f"[priors] '{coefficient}' belongs to the load effect of the model '{LOAD_EFFECT_MODEL}'"
@@ -151,8 +147,8 @@ def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[
         return (), []
     held = {name: value for name, value in HELD_UNDER_LOAD.items() if name not in entries}
     entries.update(held)
-    shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in HELD)
-    return LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
+    shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in parameters.HELD)
+    return parameters.LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
 
 
 def wheel_soil_model(name: str, options: ModelOptions, rows: Observations) -> tuple[WheelSoilModel, list[str]]:
@@ -180,15 +176,15 @@ def wheel_soil_model(name: str, options: ModelOptions, rows: Observations) -> tu
 
 def _stiffness(entries: Mapping[str, Entry]) -> tuple[str, ...]:
     """K_s, or k_c and k_φ in its place."""
-    moduli = [name for name in MODULI if name in entries]
+    moduli = [name for name in parameters.MODULI if name in entries]
     if not moduli:
         return ("Ks",)
     if "Ks" in entries:
         raise StudyError(f"[priors] '{moduli[0]}' stands in place of 'Ks': give either")
     if len(moduli) == 1:
-        other = next(name for name in MODULI if name not in moduli)
+        other = next(name for name in parameters.MODULI if name not in moduli)
         raise StudyError(f"[priors] '{moduli[0]}' needs '{other}' beside it, as K_s = kc/b + kphi")
-    return MODULI
+    return parameters.MODULI
 
 
 def with_soil_tests(
@@ -209,13 +205,13 @@ def with_soil_tests(
             check_above(f"[priors] '{name}'", soil.entries[name])
     goals = {entry.to for entry in soil.entries.values() if isinstance(entry, Tie)}
     for name in soil.entries:
-        if name not in (*read, *goals) and (not wheels or of_soil_tests(name)):
+        if name not in (*read, *goals) and (not wheels or parameters.of_soil_tests(name)):
             known("parameter", name, read, "[priors] no wheel or soil test of this study reads it: ")
     scatter = {name: entry for test in tests.values() for name, entry in test.scatter.items()}
     exponents = [test.names["n"] for test in tests.values() if test.kind == "plate"]
     if stated.reference == 1.0:
         return replace(soil, entries={**soil.entries, **scatter})
-    named = (*MODULI, *exponents[:1])
+    named = (*parameters.MODULI, *exponents[:1])
     if not exponents or any(not isinstance(soil.entries.get(name), Law) or name not in read for name in named):
         raise StudyError("[priors] 'reference_sinkage' goes with plate tests whose kc, kphi and n all have laws")
     if wheels and exponents[0] != "n0":
@@ -240,13 +236,13 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
     for name, value in fixed.items():
         law = prior_set.get(name)
         if isinstance(law, Law) and not law.range[0] <= value <= law.range[1]:
-            shown = PARAMETERS[name].field_text
+            shown = parameters.PARAMETERS[name].field_text
             inside = f"{shown(law.range[0])} to {shown(law.range[1])}"
             raise StudyError(
                 f"[priors] '{name}' must be fixed inside the range of '{chosen}', {inside} (got {shown(value)})"
             )
     with errors_after("[priors] "):
-        Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in SOIL_PARAMETERS}})
+        Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in parameters.SOIL_PARAMETERS}})
 
 
 def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
@@ -355,7 +351,7 @@ def _condition_problem(channel: str, value: float, row: int) -> str | None:
     rule = f"'{channel}' must be above 0 in every row, as the drive conditions on it"
     if np.isnan(value):
         return f"{rule} (empty in row {row})"
-    unit = {"sinkage": "m from the rim"}.get(channel, CHANNELS[channel].dimension)
+    unit = {"sinkage": "m from the rim"}.get(channel, parameters.CHANNELS[channel].dimension)
     return f"{rule} (got {value:g} {unit}, row {row})"
 
 
@@ -464,7 +460,7 @@ def _channel_noise(name: str, stated: Noise | None, observations: Observations) 
         return stated
     sd = observations.given_sd[name][~np.isnan(observations.values[name])]
     if np.isnan(sd).any():
-        example = f'{name} = "1 {CHANNELS[name].unit}"'
+        example = f'{name} = "1 {parameters.CHANNELS[name].unit}"'
         raise StudyError(f"[noise] needs an entry for the measured channel '{name}', e.g. {example}")
     return Noise(name, sd=float(np.median(sd)))  # overridden by the table in every row that has a reading
 

@@ -15,18 +15,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from bayesterra import parameters
 from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, errors_after, known, suggestion
-from bayesterra.parameters import (
-    CHANNELS,
-    HELD,
-    LOAD_EFFECT,
-    OFFSET,
-    OUTCOMES,
-    PARAMETERS,
-    PRIOR_PARAMETERS,
-    in_order,
-    of_soil_tests,
-)
 from bayesterra.runtime.reading import MEGABYTE, read_text
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import RANGED, Law
@@ -54,7 +44,7 @@ def table(value: object, name: str) -> dict[str, Any]:
 def parameter_value(name: str, value: object, names: Iterable[str], *, bare: bool) -> float:
     """SI value of the parameter ``name``, which must be one of ``names``."""
     known("parameter", name, names)
-    return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+    return quantity(value, parameters.PARAMETERS[name].dimension, name, bare=bare)
 
 
 def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
@@ -66,20 +56,20 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     value : a table with ``dist``, a quantity, the name of another parameter, or a :class:`Law` as it is.
     bare : take numbers as SI values.
     """
-    if name not in PRIOR_PARAMETERS and not of_soil_tests(name):
-        keys = ("set", "from", "correlation", "mixture", "reference_sinkage", *PRIOR_PARAMETERS)
+    if name not in parameters.PRIOR_PARAMETERS and not parameters.of_soil_tests(name):
+        keys = ("set", "from", "correlation", "mixture", "reference_sinkage", *parameters.PRIOR_PARAMETERS)
         raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, keys)}")
     if isinstance(value, Law | Tie):
         return value
     if isinstance(value, Mapping):
-        return law(name, table(value, name), PARAMETERS[name].dimension, bare=bare)
+        return law(name, table(value, name), parameters.PARAMETERS[name].dimension, bare=bare)
     if isinstance(value, str) and _NAME.fullmatch(value.strip()):
         to = value.strip()
-        if to not in PRIOR_PARAMETERS and not of_soil_tests(to):
-            hint = did_you_mean(to, PRIOR_PARAMETERS)
+        if to not in parameters.PRIOR_PARAMETERS and not parameters.of_soil_tests(to):
+            hint = did_you_mean(to, parameters.PRIOR_PARAMETERS)
             raise StudyError(f"'{name}' is tied to an unknown parameter '{to}'{hint}")
         return Tie(to)
-    return quantity(value, PARAMETERS[name].dimension, name, bare=bare)
+    return quantity(value, parameters.PARAMETERS[name].dimension, name, bare=bare)
 
 
 def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
@@ -148,7 +138,7 @@ def _source(name: str, entry: dict[str, Any]) -> str:
     return checked_text(source, f"{name}.source")
 
 
-SCATTER = {"plate": ("scatter", "memory", "seating", OFFSET), "shear": ("scatter", "memory")}
+SCATTER = {"plate": ("scatter", "memory", "seating", parameters.OFFSET), "shear": ("scatter", "memory")}
 """Parameters of how tests differ from the mean curve, by kind of test."""
 
 
@@ -164,15 +154,15 @@ def scatter(value: object, *, bare: bool) -> dict[str, Law | float | bool]:
         elif isinstance(item, Law):
             stated[name] = item
         elif isinstance(item, Mapping):
-            stated[name] = law(name, table(item, name), PARAMETERS[name].dimension, bare=bare)
+            stated[name] = law(name, table(item, name), parameters.PARAMETERS[name].dimension, bare=bare)
         else:
-            stated[name] = quantity(item, PARAMETERS[name].dimension, name, bare=bare)
+            stated[name] = quantity(item, parameters.PARAMETERS[name].dimension, name, bare=bare)
     return stated
 
 
 def pair(*names: str) -> str:
     """Name a pair of parameters, in the package's order: ``"c, phi"``."""
-    return ", ".join(in_order(names))
+    return ", ".join(parameters.in_order(names))
 
 
 def correlations(value: object) -> dict[str, float]:
@@ -181,7 +171,9 @@ def correlations(value: object) -> dict[str, float]:
     for key, item in table(value, "correlation").items():
         names = [part.strip() for part in key.split(",")]
         for name in names:
-            known("parameter", name, (*PARAMETERS, *filter(of_soil_tests, names)), "correlation: ")
+            known(
+                "parameter", name, (*parameters.PARAMETERS, *filter(parameters.of_soil_tests, names)), "correlation: "
+            )
         if len(names) != 2 or names[0] == names[1]:
             raise StudyError(f"correlation: a key must name two parameters, e.g. \"c, phi\" (got '{key}')")
         number = quantity(item, "", f"correlation of '{key}'", bare=True)
@@ -199,7 +191,7 @@ def mixtures(value: object) -> dict[str, MixtureCopula]:
     for key, item in table(value, "mixture").items():
         names, what = [part.strip() for part in key.split(",")], f"mixture of '{key}'"
         for name in names:
-            known("parameter", name, (*PARAMETERS, *filter(of_soil_tests, names)), f"{what}: ")
+            known("parameter", name, (*parameters.PARAMETERS, *filter(parameters.of_soil_tests, names)), f"{what}: ")
         if len(names) < 2 or len(set(names)) < len(names):
             raise StudyError(f'{what}: a key must name two parameters or more, each once, e.g. "c, phi"')
         if isinstance(item, MixtureCopula):
@@ -267,14 +259,14 @@ def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
     A table may add ``dof``, the degrees of freedom of a Student-t law, and ``resolution``, the step to which
     readings are rounded; a value is then written ``sd``.
     """
-    known("channel", channel, CHANNELS)
+    known("channel", channel, parameters.CHANNELS)
     if isinstance(value, Noise):
         return value
     if isinstance(value, Law):
         return Noise(channel, law=value)
     entry = table(value, channel) if isinstance(value, Mapping) else {"sd": value}
     dof = quantity(entry.pop("dof"), "", f"{channel}.dof") if "dof" in entry else np.inf
-    resolution, dimension = 0.0, CHANNELS[channel].dimension
+    resolution, dimension = 0.0, parameters.CHANNELS[channel].dimension
     if "resolution" in entry:
         resolution = quantity(entry.pop("resolution"), dimension, f"{channel}.resolution", bare=bare)
     size = _noise_size(channel, entry, bare=bare)
@@ -283,7 +275,7 @@ def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
 
 def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:
     """Size of the noise, as arguments of :class:`Noise`."""
-    dimension = CHANNELS[channel].dimension
+    dimension = parameters.CHANNELS[channel].dimension
     if set(entry) == {"sd"}:
         return {"sd": quantity(entry["sd"], dimension, channel, bare=bare)}
     if set(entry) == {"fraction", "floor"}:
@@ -299,9 +291,9 @@ def _estimate(channel: str, value: object, *, bare: bool) -> Law:
     """Law of an unknown standard deviation; ``lower`` is a tenth of the scale unless given."""
     if isinstance(value, Law):
         return value
-    if channel not in OUTCOMES:
+    if channel not in parameters.OUTCOMES:
         raise StudyError(f"noise of '{channel}' cannot be estimated, as it is never an outcome")
-    entry, dimension = table(value, f"{channel}.estimate"), CHANNELS[channel].dimension
+    entry, dimension = table(value, f"{channel}.estimate"), parameters.CHANNELS[channel].dimension
     if "lower" not in entry:
         if "scale" not in entry:
             raise StudyError(f"'{channel}.estimate' needs a 'lower' above 0 or a 'scale'")
@@ -324,5 +316,5 @@ def prior_set(name: str, *, load_effect: bool = False) -> Mapping[str, Entry]:
     """Priors of the soil parameters in a set, or of the coefficients of the load effect; SI."""
     stated = dict(stated_sets()[name])
     of_loads = stated.pop(_OF_LOADS)
-    held, stated = ({}, dict.fromkeys(LOAD_EFFECT, of_loads)) if load_effect else (HELD, stated)
+    held, stated = ({}, dict.fromkeys(parameters.LOAD_EFFECT, of_loads)) if load_effect else (parameters.HELD, stated)
     return {**{key: prior_entry(key, value, bare=False) for key, value in stated.items()}, **held}

@@ -12,19 +12,9 @@ import numpy as np
 from numpy.random import Generator
 from scipy.special import ndtri
 
+from bayesterra import parameters
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
-from bayesterra.parameters import (
-    LOAD_EFFECT,
-    MODULI,
-    PARAMETERS,
-    PRIOR_PARAMETERS,
-    SOIL_PARAMETERS,
-    SoilColumns,
-    in_order,
-    soil_array,
-    whole_and_part,
-)
 from bayesterra.stats.dependence import SINGULAR, Dependence, GaussianCopula, JoinedDependence, MixtureCopula
 from bayesterra.stats.laws import Law
 
@@ -102,7 +92,7 @@ class Prior:
     def __post_init__(self) -> None:
         if not isinstance(self.entries, Mapping):
             raise StudyError(f"a prior needs laws or values by parameter (got {self.entries!r:.60})")
-        unknown = [name for name in self.entries if whole_and_part(name)[0] not in PARAMETERS]
+        unknown = [name for name in self.entries if parameters.whole_and_part(name)[0] not in parameters.PARAMETERS]
         missing = [name for name in self._needed if name not in self.entries and self.of_wheels]
         if unknown or missing:
             raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
@@ -113,7 +103,7 @@ class Prior:
             raise StudyError("'kc' and 'kphi' stand in place of 'Ks': give either")
         for name in self.ties:
             self.root(name)
-        for name in (*MODULI, self.exponent) if self.stretched else ():
+        for name in (*parameters.MODULI, self.exponent) if self.stretched else ():
             self._check_scores(f"'reference_sinkage' with '{name}'", [name])
         for pair in self.correlation:
             self._check_scores(f"correlation of '{pair}'", pair.split(", "))
@@ -149,23 +139,23 @@ class Prior:
 
     @property
     def _needed(self) -> tuple[str, ...]:
-        soil = (*MODULI, *SOIL_PARAMETERS[1:]) if self.uses_moduli else SOIL_PARAMETERS
-        return (*soil, *LOAD_EFFECT) if self.uses_load_effect else soil
+        soil = (*parameters.MODULI, *parameters.SOIL_PARAMETERS[1:]) if self.uses_moduli else parameters.SOIL_PARAMETERS
+        return (*soil, *parameters.LOAD_EFFECT) if self.uses_load_effect else soil
 
     @property
     def uses_moduli(self) -> bool:
         """True where K_s follows from k_c and k_φ, and so from the width of each wheel."""
-        return any(name in self.entries for name in MODULI)
+        return any(name in self.entries for name in parameters.MODULI)
 
     @property
     def uses_load_effect(self) -> bool:
         """True where the coefficients of the load effect, (42), are among the entries."""
-        return any(name in self.entries for name in LOAD_EFFECT)
+        return any(name in self.entries for name in parameters.LOAD_EFFECT)
 
     @cached_property
     def laws(self) -> dict[str, Law]:
         """Laws of the free parameters in the package's order."""
-        entries = ((name, self.entries[name]) for name in in_order(self.entries))
+        entries = ((name, self.entries[name]) for name in parameters.in_order(self.entries))
         return {name: entry for name, entry in entries if isinstance(entry, Law)}
 
     @cached_property
@@ -177,7 +167,7 @@ class Prior:
     @cached_property
     def fixed(self) -> dict[str, float]:
         """Values of the fixed parameters, and of those that are tied to one of them."""
-        roots = ((name, self.entries[self.root(name)]) for name in in_order(self.entries))
+        roots = ((name, self.entries[self.root(name)]) for name in parameters.in_order(self.entries))
         return {name: float(entry) for name, entry in roots if isinstance(entry, int | float)}
 
     @cached_property
@@ -199,7 +189,7 @@ class Prior:
                 raise StudyError(f"'{name}' must not be tied to itself ({' = '.join(seen)})")
         if seen[-1] not in self.entries:
             raise StudyError(f"'{seen[-2]}' is tied to '{seen[-1]}', which must have a prior of its own")
-        dimensions = [PARAMETERS[parameter].dimension for parameter in (name, seen[-1])]
+        dimensions = [parameters.PARAMETERS[parameter].dimension for parameter in (name, seen[-1])]
         if dimensions[0] != dimensions[1]:
             kinds = " and ".join(f"'{dimension or 'pure number'}'" for dimension in dimensions)
             raise StudyError(f"'{name}' must be tied to a parameter of its own dimension (got {kinds})")
@@ -224,7 +214,7 @@ class Prior:
         """Log of what each parameter (n, d) is multiplied with to become what its law is about."""
         stretch = np.zeros_like(x)
         if self.stretched:
-            moduli = [self.names.index(name) for name in MODULI]
+            moduli = [self.names.index(name) for name in parameters.MODULI]
             stretch[:, moduli] = x[:, [self.names.index(self.exponent)]] * np.log(self.reference)
         return stretch
 
@@ -236,9 +226,9 @@ class Prior:
     @cached_property
     def soil_template(self) -> tuple[FloatArray, list[int], list[int]]:
         """A soil array (1, p) of what is fixed, and which of its columns are filled from which of x."""
-        roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
+        roots = {name: self.root(name) for name in parameters.PRIOR_PARAMETERS if name in self.entries}
         free = {name: self.names.index(root) for name, root in roots.items() if root in self.laws}
-        return soil_array(self.fixed), [SoilColumns[name] for name in free], list(free.values())
+        return parameters.soil_array(self.fixed), [parameters.SoilColumns[name] for name in free], list(free.values())
 
     def soil_values(self, x: FloatArray) -> FloatArray:
         """Soil array (n, p) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""
@@ -249,14 +239,16 @@ class Prior:
 
     def soil_of(self, values: Mapping[str, float]) -> FloatArray:
         """Soil array (1, p) of values by name, which override what is fixed and free alike."""
-        roots = {name: self.root(name) for name in PRIOR_PARAMETERS if name in self.entries}
+        roots = {name: self.root(name) for name in parameters.PRIOR_PARAMETERS if name in self.entries}
         overrides = {name: values.get(name, values.get(root)) for name, root in roots.items()}
         stated = {name: value for name, value in overrides.items() if value is not None}
-        return self._with_modulus(soil_array({**self.fixed, **stated}))
+        return self._with_modulus(parameters.soil_array({**self.fixed, **stated}))
 
     def _with_modulus(self, soil: FloatArray) -> FloatArray:
         if self.uses_moduli:
-            soil[:, SoilColumns.Ks] = soil[:, SoilColumns.kc] / self.width + soil[:, SoilColumns.kphi]
+            soil[:, parameters.SoilColumns.Ks] = (
+                soil[:, parameters.SoilColumns.kc] / self.width + soil[:, parameters.SoilColumns.kphi]
+            )
         return soil
 
     @cached_property

@@ -19,17 +19,9 @@ import xarray as xr
 from pydantic import AfterValidator, Field
 from typing_extensions import TypedDict
 
+from bayesterra import parameters
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError
-from bayesterra.parameters import (
-    CHANNELS,
-    MODEL_PARAMETERS,
-    PARAMETERS,
-    Parameter,
-    field_values,
-    in_order,
-    whole_and_part,
-)
 from bayesterra.report.verdicts import Failures, Verdict, sampling_verdict, with_failures
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.runtime.folders import whole_folder, write_bytes, write_text
@@ -202,7 +194,7 @@ class DrawnResult(AnalysisResult):
     @property
     def names(self) -> tuple[str, ...]:
         """Free parameters in the order of their laws."""
-        return tuple(in_order(map(str, self.draws[self.GROUP].data_vars)))
+        return tuple(parameters.in_order(map(str, self.draws[self.GROUP].data_vars)))
 
     def values(self, group: str = "") -> FloatArray:
         """Draws of all parameters (n, d), of the group ``prior`` where that is asked for; SI, radians."""
@@ -211,7 +203,7 @@ class DrawnResult(AnalysisResult):
 
     def column(self, name: str, group: str = "") -> FloatArray:
         """Draws (n,) of one parameter, field units."""
-        return field_values(name, self.draws[group or self.GROUP][name].to_numpy().ravel())
+        return parameters.field_values(name, self.draws[group or self.GROUP][name].to_numpy().ravel())
 
     def to_dataframe(self) -> pd.DataFrame:
         """Draws, one row each: chain (ensemble), draw, then the parameters in SI and radians."""
@@ -285,7 +277,7 @@ SI_UNITS = {"phi": "rad", "Ks": "Pa/m^N"}
 def parameter_dataset(
     names: tuple[str, ...],
     chains: FloatArray,
-    quantities: Mapping[str, Parameter] = PARAMETERS,
+    quantities: Mapping[str, parameters.Parameter] = parameters.PARAMETERS,
     units: Mapping[str, str] = SI_UNITS,
 ) -> xr.Dataset:
     """Label draws (chain, draw, d) by parameter; each variable says its unit, in SI."""
@@ -330,7 +322,7 @@ def left_out_dataset(study: Study) -> xr.Dataset:
 
 def soil_columns(names: tuple[str, ...]) -> list[str]:
     """Those of ``names`` that are parameters of a model."""
-    return [name for name in names if name in MODEL_PARAMETERS]
+    return [name for name in names if name in parameters.MODEL_PARAMETERS]
 
 
 @dataclass(frozen=True)
@@ -495,15 +487,15 @@ def _origin(study: Study, seed: int) -> dict[str, Any]:
 
 def _one_of(names: Collection[str], what: str) -> AfterValidator:
     def checked(name: str) -> str:
-        if name not in names and whole_and_part(name)[0] not in names:
+        if name not in names and parameters.whole_and_part(name)[0] not in names:
             raise ValueError(f"must be {what}")
         return name
 
     return AfterValidator(checked)
 
 
-ParameterName = Annotated[str, _one_of(PARAMETERS, "a parameter")]
-ChannelName = Annotated[str, _one_of(CHANNELS, "a channel")]
+ParameterName = Annotated[str, _one_of(parameters.PARAMETERS, "a parameter")]
+ChannelName = Annotated[str, _one_of(parameters.CHANNELS, "a channel")]
 Some = Number | None
 """A number; what is not finite stands as null."""
 

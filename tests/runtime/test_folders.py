@@ -207,7 +207,7 @@ def test_a_result_that_appeared_meanwhile_is_not_replaced(tmp_path: Path, monkey
         result_folder(tmp_path / "out")
         return locked(path, place)
 
-    monkeypatch.setattr("bayesterra.runtime.folders.locked", late)
+    monkeypatch.setattr("bayesterra.runtime.ownership.locked", late)
     with pytest.raises(ResultError, match="exists already"), whole_folder(tmp_path / "out"):
         pass
     assert names(tmp_path) == {"out"}
