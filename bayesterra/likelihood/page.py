@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -10,7 +10,7 @@ from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import Posterior
-from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.parameters import CHANNELS, PARAMETERS, in_order
 from bayesterra.report.blocks import Blocks, Cell, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, share
 from bayesterra.report.sections import Prose
@@ -31,11 +31,16 @@ def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     return (Text(Markup("Note: {}.").format(doubts), "bad"),) if doubts else ()
 
 
+def described(study: Study) -> Blocks:
+    """Rows, wheels and model."""
+    return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study))
+
+
 def conditions(study: Study) -> Blocks:
     """Rows, wheels, model and notes."""
     notes = [Text(Markup("Warning: {}").format(warning), "bad") for warning in study.warnings]
     notes += [Text(Markup("Note: {}").format(note)) for note in study.notes]
-    return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study), *notes)
+    return (*described(study), *notes)
 
 
 def _readings(study: Study) -> Table:
@@ -130,6 +135,22 @@ def prior_sources(study: Study) -> Blocks:
     """A table of where the prior laws come from; nothing where none says so."""
     rows = tuple((symbols(names), source) for names, source in study.prior.sources.items())
     return (Table("Where the prior laws come from.", "ll", ("", "source"), rows),) if rows else ()
+
+
+def priors_table(study: Study, caption: Cell, named: Callable[[str], Cell] = symbol) -> Table:
+    """Laws of all parameters, ``named`` in the first column, and with groups the role of each."""
+    pooling, body = study.pooling, list[tuple[Cell, ...]]()
+    shared, separate = (pooling.shared, pooling.separate) if pooling else ((), ())
+    roles: dict[str, Cell] = {**dict.fromkeys(shared, "shared"), **dict.fromkeys(separate, "separate")}
+    for name, population in (pooling.hierarchical if pooling else {}).items():
+        if population.mean and population.spread:
+            laws = law_text(name, population.mean), law_text(name, population.spread)
+            roles[name] = Markup("hierarchical: mean {}, spread {}").format(*laws)
+    for name in in_order(study.prior.entries):
+        what = named(name), angles(PARAMETERS[name].description), stated_law(name, study.prior.entries[name])
+        body.append((*what, *([roles.get(name, NOTHING)] if pooling else [])))
+    header = ("", "parameter", "prior", *(["role"] if pooling else []))
+    return Table(caption, "l" * len(header), header, tuple(body))
 
 
 def stated_law(name: str, entry: Entry) -> Markup:

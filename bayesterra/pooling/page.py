@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.joint import joint_posterior
-from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law
+from bayesterra.likelihood.page import conditions, prior_sources, priors_table, slip_note
 from bayesterra.parameters import PARAMETERS, whole_and_part
 from bayesterra.pooling.degrees import CONSTANT, OPEN, STRONG
 from bayesterra.pooling.run import PooledResult
@@ -20,11 +20,11 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Tex
 from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
 from bayesterra.report.sections import Draft, Prose, VerdictPage, origin_rows
-from bayesterra.report.symbols import angles, listed, symbol, symbols, unit
+from bayesterra.report.symbols import listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict
 from bayesterra.study.groups import Pooling
-from bayesterra.study.page import crosscheck, crosscheck_line, law_text, unconverged
+from bayesterra.study.page import crosscheck, crosscheck_line, unconverged
 from bayesterra.study.study import Study
 
 say = Prose("pooling")
@@ -217,19 +217,7 @@ def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
 
 def _prior_section(result: PooledResult) -> Blocks:
     study = result.study
-    pooling = study.pooling or Pooling()
-    roles = dict.fromkeys(pooling.shared, "shared") | dict.fromkeys(pooling.separate, "separate")
-    body = []
-    for name, entry in study.prior.entries.items():
-        population = pooling.hierarchical.get(name)
-        role: Cell = roles.get(name, NOTHING)
-        if population is not None and population.mean and population.spread:
-            role = Markup("hierarchical: mean {}, spread {}").format(
-                law_text(name, population.mean), law_text(name, population.spread)
-            )
-        body.append((symbol(name), angles(PARAMETERS[name].description), stated_law(name, entry), role))
-    table = Table(say("prior", joined_laws(study)), "llll", ("", "parameter", "prior", "role"), tuple(body))
-    return (table, *prior_sources(study))
+    return (priors_table(study, say("prior", joined_laws(study))), *prior_sources(study))
 
 
 def joined_laws(study: Study) -> Markup:

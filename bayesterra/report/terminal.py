@@ -32,9 +32,9 @@ class PlainConsole(Console):
         return super().render_str("\n".join(map(_harmless, text.split("\n"))), **options)
 
 
-def show(overview: Overview, *lines: str) -> None:
+def show(overview: Overview, *lines: str, console: PlainConsole | None = None) -> None:
     """Print an overview and lines under it; bad lines of it go to standard error."""
-    console = PlainConsole()
+    console = console or PlainConsole()
     for block in (*overview, *map(Text, lines)):
         if isinstance(block, Table):
             console.print(_table(block))
@@ -60,7 +60,7 @@ def _table(block: Table) -> RichTable:
 
 
 def _plain(cell: Cell) -> str:
-    return cell.striptags() if isinstance(cell, Markup) else cell
+    return cell.replace("<sup>", "^").striptags() if isinstance(cell, Markup) else cell
 
 
 def failure_lines(record: Mapping[str, Any]) -> Overview:

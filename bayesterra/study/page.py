@@ -209,12 +209,12 @@ def law_text(name: str, law: Law) -> Markup:
     ends = Markup("{} to {}").format(_end(limits[0]), amount(name, _end(limits[1])))
     if law.dist in RANGED:
         return Markup("flat {}from {}").format("" if law.dist == "uniform" else "in its logarithm ", ends)
-    inside = ", ".join(f"{k} {given(v / scale if k in ('loc', 'scale') else v)}" for k, v in law.shape.items())
+    shape = {k: amount(name, given(v / scale)) if k in ("loc", "scale") else given(v) for k, v in law.shape.items()}
     cut = Markup(", cut to {}").format(ends) if any(abs(x) < float("inf") for x in limits) else Markup("")
     if law.dist == "norm":
-        return Markup("normal, {} ± {}{}").format(
-            *(given(law.shape.get(k, x) / scale) for k, x in (("loc", 0.0), ("scale", 1.0))), cut
-        )
+        middle = given(law.shape.get("loc", 0.0) / scale)
+        return Markup("normal, {} ± {}{}").format(middle, shape.get("scale") or amount(name, given(1.0 / scale)), cut)
+    inside = Markup(", ").join(Markup("{} {}").format(*argument) for argument in shape.items())
     return Markup("{} ({}){}").format(law.dist, inside, cut)
 
 

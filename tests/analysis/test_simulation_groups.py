@@ -7,9 +7,11 @@ import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.analysis.simulation import simulate, true_values, write_simulated
-from bayesterra.analysis.terminal import print_overview
+from bayesterra.analysis.terminal import study_overview
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.joint import joint_posterior
+from bayesterra.report.blocks import Table
+from bayesterra.report.terminal import show
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import load_study
 from tests.support.two_wheels import MakeStudy
@@ -92,11 +94,13 @@ def test_nothing_is_written_twice(make: MakeStudy, tmp_path: Path) -> None:
 
 def test_check_shows_the_parameters_of_groups(make: MakeStudy, capsys: pytest.CaptureFixture[str]) -> None:
     """Their number, laws of populations, and the prior's support of each group."""
-    print_overview(make())
+    overview = study_overview(make())
+    show(overview)
     printed = " ".join(capsys.readouterr().out.split())
     assert "Prior: 5 free parameters" in printed
-    assert "shearing deformation modulus, of" in printed
-    assert "K.spread │ halfnorm: scale 6.9282 mm" in printed
+    roles = {row[0]: row[-1] for block in overview if isinstance(block, Table) for row in block.rows}
+    spread = "hierarchical: mean flat from 2 to 50&nbsp;mm, spread halfnorm (scale 6.928203&nbsp;mm)"
+    assert (roles["K"], roles["phi"]) == (spread, "shared")
     assert "Of the stated prior, Wh32 alone: 100 % inside the support" in printed
-    print_overview(make(pooling=None))
+    show(study_overview(make(pooling=None)))
     assert "Of the stated prior: 100 % inside the support" in " ".join(capsys.readouterr().out.split())

@@ -168,7 +168,7 @@ def test_check_shows_what_was_understood(write: Write, capsys: Captured) -> None
     """Readings with their units, priors in field units, rows, notes and the share of the prior in use."""
     assert main(["check", str(write(('"1 mm"', '"1 mm"\nload = "1 N"')))]) == 0
     shown = capsys.readouterr().out
-    for text in ("Small study", "3 rows, 3 in use", "sinkage [mm]", "7.5", "uniform: 100 to 10000 kPa/m^N"):
+    for text in ("Small study", "in the fit", "z [mm]", "7.5", "flat from 100 to 10 000 kPa/m^N"):
         assert text in shown
     assert "Note: noise of load is not used" in shown
     assert "inside the support" in shown

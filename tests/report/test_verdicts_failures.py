@@ -26,7 +26,7 @@ HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 BROKEN = {
     "fits": (inference, "fit_all"),
     "mode": (inference, "find_mode"),
-    "evidence": (inference, "ensembles_evidence"),
+    "evidence": (inference.evidences, "ensembles_evidence"),
     "curves": (inference, "predict_curves"),
     "standings": (inference, "locate"),
     "identifiability": (inference, "identifiability"),

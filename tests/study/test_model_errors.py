@@ -8,10 +8,11 @@ import pandas as pd
 import pytest
 
 from bayesterra.analysis.simulation import simulate, write_simulated
-from bayesterra.analysis.terminal import print_overview
+from bayesterra.analysis.terminal import study_overview
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import posterior
+from bayesterra.report.terminal import show
 from bayesterra.runtime.checkpoints import digest
 from bayesterra.study.canonical import identity, write_study
 from bayesterra.study.study import Study, load_study
@@ -154,15 +155,14 @@ def test_fingerprint_and_identity_know_of_them() -> None:
 def test_check_says_them(capsys: pytest.CaptureFixture[str]) -> None:
     """A line each."""
     curves = {**CURVES, "drawbar_pull": {"sd": ESTIMATED, "length": 0.2}}
-    print_overview(joined("phi", discrepancy=curves, ripple=RIPPLE, slip={"sd": 0.01}))
+    show(study_overview(joined("phi", discrepancy=curves, ripple=RIPPLE, slip={"sd": 0.01})))
     shown = " ".join(capsys.readouterr().out.replace("│", " ").split())
-    assert "sinkage: sd 1 mm, a curve per wheel over slips of 0.3" in shown
-    assert "drawbar_pull: sd estimated, a curve per wheel over slips of 0.2" in shown
-    assert "resistance_moment: sd 0.2 N m, memory of 3 rows, crests 4 rows apart" in shown
-    assert "read with an error of sd 0.01" in shown
+    assert "one for each wheel: z (sd 1 mm, over slips of 0.3) and FDP (sd estimated, over slips of 0.2" in shown
+    assert "MDR (sd 0.2 N m, correlation falling to 1/e over 3 rows, crests 4 rows apart)" in shown
+    assert "Slips are read with an error of sd 0.01" in shown
     assert "taken to first order" not in shown
     data = TABLE.assign(slip=TABLE["slip"].replace(0.35, 0.49))
-    print_overview(joined("phi", data=data, slip={"sd": 0.01}))
+    show(study_overview(joined("phi", data=data, slip={"sd": 0.01})))
     shown = " ".join(capsys.readouterr().out.split())
     assert "Note: errors of slip (sd 0.01) are taken to first order, which is doubtful in row 3 within" in shown
 

@@ -318,9 +318,9 @@ def test_check_shows_the_joint_prior_and_its_source(
     assert main(["check", str(file)]) == 0
     shown = " ".join(capsys.readouterr().out.split())
     assert "kc, kphi, n0: posterior of 'Two plates' (earlier), " in shown
-    assert "tabulated: median" in shown
+    assert "tabulated (median" in shown
     assert "Prior correlations of normal scores" in shown
-    assert re.search(r"kphi │ −0\.(79|80|81)", shown)
+    assert re.search(r"kphi −0\.(79|80|81)", shown)
 
 
 def test_a_record_has_every_figure_under_its_own_name() -> None:

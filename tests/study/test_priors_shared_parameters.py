@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.analysis.simulation import simulate, true_values
-from bayesterra.analysis.terminal import print_overview
+from bayesterra.analysis.terminal import study_overview
 from bayesterra.checking.predictive import predict_rows
 from bayesterra.errors import StudyError
 from bayesterra.least_squares.fit import fit
@@ -161,7 +161,7 @@ def test_a_written_study_reads_back_the_same(make_study: MakeStudy, tmp_path: Pa
     assert again.prior.ties == {"c2": "c1"}
     x = draw_cut_prior(posterior(study), 5, np.random.default_rng(1)).x
     np.testing.assert_array_equal(posterior(again).log_density(x), posterior(study).log_density(x))
-    print_overview(again)
+    assert study_overview(again)
 
 
 def test_least_squares_says_what_it_stands_in_for(make_study: MakeStudy, make_table: MakeTable) -> None:
