@@ -146,7 +146,7 @@ def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Predictio
 
 
 def _hatched(colour: str, label: str) -> Patch:
-    return Patch(facecolor="none", edgecolor=colour, hatch="////", label=figures.label)
+    return Patch(facecolor="none", edgecolor=colour, hatch="////", label=label)
 
 
 def forecast_overview(forecast: Predicted) -> Overview:

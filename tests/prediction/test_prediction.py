@@ -17,6 +17,7 @@ from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
 from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Condition, forecast, slips_of
+from bayesterra.report.figures import figure_of
 from bayesterra.study.result import Result, parameter_dataset
 from bayesterra.study.study import Study
 from bayesterra.study.wheels import read_wheel
@@ -166,6 +167,13 @@ def test_figures_return_their_axes(wide: Result) -> None:
     assert axes.shape == (1, len(PREDICTED))
     assert prediction_pages.prediction(found, "sinkage", axes[0, 0]) is axes[0, 0]
     assert axes[0, 0].get_ylabel() == "$z$ [mm]"
+
+
+def test_the_legend_says_what_hatching_means(wide: Result) -> None:
+    """Of a band that too many draws leave without an answer."""
+    found = bt.predict(wide, [0.3, 0.97], wheel=SMALL, load="200 N")
+    (legend,) = figure_of(prediction_pages.predictions([(found, None)])).legends
+    assert [entry.get_text() for entry in legend.get_texts()][-1] == "over 5 % of draws without answer"
 
 
 def test_notebook_table_marks_and_escapes(wide: Result) -> None:
