@@ -10,37 +10,10 @@ from __future__ import annotations
 
 from importlib import import_module
 
-_HOMES = {
-    "analysis.comparison": ("compare",),
-    "analysis.inference": ("run_prior",),
-    "analysis.run": ("load_result", "run", "soil_test"),
-    "analysis.simulation": ("simulate",),
-    "checking.calibration": ("calibrate",),
-    "checking.holdout": ("Holdout", "leave_out"),
-    "checking.ranks": ("Calibration",),
-    "design.choosing": ("Design",),
-    "design.recommendation": ("recommend",),
-    "errors": ("BayesterraError", "EngineError", "ResultError", "StudyError", "SupportError"),
-    "follow.stream": ("load_stream", "Stream"),
-    "identifiability.analysis": ("foresee", "identify", "Identified"),
-    "least_squares.fit": ("fit",),
-    "least_squares.results": ("Fit",),
-    "likelihood.posterior": ("Posterior", "posterior"),
-    "models": ("Soil", "Wheel"),
-    "prediction.outlook": ("predict_rover",),
-    "prediction.prediction": ("predict",),
-    "prediction.rover": ("Rover",),
-    "runtime.engines": ("dask_cluster", "Engine", "in_process", "local_pool"),
-    "runtime.checkpoints": ("read_tasks",),
-    "stats.laws": ("Law",),
-    "study.noise": ("Noise",),
-    "study.priors": ("Prior",),
-    "study.result": ("Result",),
-    "study.soil_test_file": ("load_soil_test",),
-    "study.study": ("load_study", "Study"),
-}
-_HOME = {name: home for home, names in _HOMES.items() for name in names}
-__all__ = [name for names in _HOMES.values() for name in names]
+with open(f"{__file__}i", encoding="utf-8") as _stub:
+    _IMPORTS = [line.split() for line in _stub if line.startswith("from bayesterra.")]
+_HOME = {name: home for _, home, _, name, *_ in _IMPORTS}
+__all__ = list(_HOME)
 
 
 def __getattr__(name: str) -> object:
@@ -51,7 +24,7 @@ def __getattr__(name: str) -> object:
         return version("bayesterra")
     if name not in _HOME:
         raise AttributeError(f"module 'bayesterra' has no attribute {name!r}")
-    return getattr(import_module(f"bayesterra.{_HOME[name]}"), name)
+    return getattr(import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:

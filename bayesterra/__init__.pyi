@@ -1,4 +1,4 @@
-"""Public names of the package, for checkers of types and editors; their homes at run time: ``__init__.py``."""
+"""Public names of the package and their homes, for checkers of types, for editors, and for ``__init__.py``."""
 
 from bayesterra.analysis.comparison import compare as compare
 from bayesterra.analysis.inference import run_prior as run_prior
@@ -40,8 +40,8 @@ from bayesterra.stats.laws import Law as Law
 from bayesterra.study.noise import Noise as Noise
 from bayesterra.study.priors import Prior as Prior
 from bayesterra.study.result import Result as Result
-from bayesterra.study.soil_test_file import load_soil_test as load_soil_test
 from bayesterra.study.study import Study as Study
+from bayesterra.study.study import load_soil_test as load_soil_test
 from bayesterra.study.study import load_study as load_study
 
 __version__: str

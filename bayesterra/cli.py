@@ -142,10 +142,11 @@ def run(
 @app.command(short_help="Show what was understood of a study and its measurements.")
 def check(study: StudyPath) -> None:
     """Read a study and its measurements, and show what was understood."""
-    from bayesterra.analysis.terminal import print_overview
+    from bayesterra.analysis.terminal import study_overview
+    from bayesterra.report import terminal
     from bayesterra.study.study import load_study
 
-    print_overview(load_study(study))
+    terminal.show(study_overview(load_study(study)))
 
 
 @app.command(short_help="Identify the soil by least squares: IM1, IM2, IM3, joint.")
@@ -179,13 +180,14 @@ def simulate(
 ) -> None:
     """Make measurements with known parameters, under the conditions and noise of a study."""
     from bayesterra.analysis.simulation import write_simulated
-    from bayesterra.analysis.terminal import print_truth
+    from bayesterra.analysis.terminal import truth_overview
+    from bayesterra.report import terminal
     from bayesterra.study.study import load_study
 
     folder = out or beside(study, "simulated")
     truth = dict(_assignment(text) for text in set_ or ())
-    print_truth(write_simulated(load_study(study), folder, seed=seed, truth=truth))
-    typer.echo(printable(f"Written: {folder} (seed {seed})"))
+    made = write_simulated(load_study(study), folder, seed=seed, truth=truth)
+    terminal.show(truth_overview(made), f"Written: {folder} (seed {seed})")
 
 
 @app.command()
@@ -446,7 +448,7 @@ def soiltest(
 ) -> None:
     """Plate sinkage or annular shear tests: their posterior beside least squares, and a report."""
     from bayesterra.analysis.run import run_study
-    from bayesterra.study.soil_test_file import load_soil_test
+    from bayesterra.study.study import load_soil_test
 
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
     folder = out or Path(f"{name.removesuffix('.toml')}-result")

@@ -199,31 +199,12 @@ def in_order(names: Iterable[str]) -> list[str]:
     return [name for name in PARAMETERS if name in given] + [name for name in given if name not in PARAMETERS]
 
 
-class SoilColumns(IntEnum):
-    """Columns of a soil array (n, p), SI: every parameter that the [priors] table may name, by its name.
+SoilColumns = IntEnum("SoilColumns", "Ks n0 n1 c phi K c1 c2 c3 kc kphi sinkage_offset cP1 cP2 cDP cM", start=0)
+"""Columns of a soil array (n, p), SI: every parameter that the [priors] table may name, by its name.
 
-    Columns that a study does not use are NaN, its ``sinkage_offset`` is 0. Where k_c and k_φ are used, K_s is
-    that of one wheel; see :func:`bayesterra.likelihood.forward.soil_at`.
-    """
-
-    Ks = 0
-    n0 = 1
-    n1 = 2
-    c = 3
-    phi = 4
-    K = 5
-    c1 = 6
-    c2 = 7
-    c3 = 8
-    kc = 9
-    kphi = 10
-    sinkage_offset = 11
-    cP1 = 12
-    cP2 = 13
-    cDP = 14
-    cM = 15
-
-
+Columns that a study does not use are NaN, its ``sinkage_offset`` is 0. Where k_c and k_φ are used, K_s is
+that of one wheel; see :func:`bayesterra.likelihood.forward.soil_at`.
+"""
 PRIOR_PARAMETERS = tuple(SoilColumns.__members__)
 """Parameters that the [priors] table may name."""
 

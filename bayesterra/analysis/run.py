@@ -24,8 +24,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.sampling.sampler import Progress, progress_bar
 from bayesterra.study.canonical import identity
 from bayesterra.study.result import Result
-from bayesterra.study.soil_test_file import load_soil_test, soil_test_study
-from bayesterra.study.study import STUDY_FILE, Study, load_study
+from bayesterra.study.study import STUDY_FILE, Study, load_soil_test, load_study, soil_test_study
 
 
 def run(

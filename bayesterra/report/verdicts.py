@@ -5,6 +5,7 @@ And failures: what could not be computed from draws is recorded and said, and ne
 
 from __future__ import annotations
 
+import tomllib
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -15,39 +16,14 @@ from markupsafe import Markup
 
 from bayesterra.errors import ResultError, enumerated, in_short, printable
 from bayesterra.report.symbols import in_symbols
+from bayesterra.runtime.reading import MEGABYTE, read_text
 
 if TYPE_CHECKING:
     from bayesterra.report.blocks import Cell, Text
 
 T = TypeVar("T")
 
-PARTS: Mapping[str, str] = {
-    "fits": "least squares",
-    "mode": "posterior mode",
-    "evidence": "log evidence",
-    "posterior_predictive": "predictions of the rows",
-    "prior_predictive": "predictions of the rows by the prior",
-    "curves": "curves over slip",
-    "standings": "standing of the point estimates",
-    "identifiability": "verdicts on the parameters",
-    "directions": "directions that the data determine",
-    "predictive_checks": "predictive checks",
-    "prior_checks": "prior-predictive checks",
-    "loo": "leave-one-out cross-validation",
-    "derived": "derived quantities",
-    "crosscheck": "cross-check by nested sampling",
-    "complete": "complete pooling",
-    "degrees": "degrees of pooling",
-    "sharing": "verdicts on sharing",
-    "sharing_as_stated": "verdicts on sharing, others as stated",
-    "log_likelihood": "log likelihood of every row",
-    "left_out": "tests left out",
-    "levels": "levels left out",
-    "bands": "bands of the curves",
-    "next": "next drive",
-    "verdicts": "verdicts on the whole",
-    "finding": "the finding in a sentence",
-}
+PARTS: Mapping[str, str] = tomllib.loads(read_text(Path(__file__).with_name("parts.toml"), MEGABYTE))
 """Names of the parts of a result in a sentence."""
 
 

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
 
 from bayesterra.errors import ResultError
-from bayesterra.runtime.reading import MEGABYTE, SUMS, listed, read_bytes, read_json
+from bayesterra.runtime.reading import MEGABYTE, SUMS, listed, read_bytes, read_json, read_text
 
 
 class Lock:
@@ -115,22 +115,7 @@ _AT_WORK = re.compile(
 )
 _NOBODYS = {".DS_Store"}
 """Files that a file manager leaves in every folder that someone looks at."""
-_OLDER = frozenset(
-    f"{name}.csv"
-    for name in (
-        "summary", "least_squares", "identifiability", "predictive", "pooling", "sharing", "left_out",
-        "measurements", "ranks", "design", "plan", "bands", "draws", "derived", "comparison", "predictions",
-        "evidence", "scores", "skills", "refits", "updates", "greatest", "climb", "readings", "verdicts",
-        "combinations", "groups", "directions", "information", "coupling", "coupling_of_groups", "profiles",
-        "profile_points", "compensation", "local", "local_at_best", "spectrum", "collinearity", "importance",
-        "structure", "cloning", "cloning_directions", "power_scaling",
-    )
-) | {
-    SUMS, "status.json", "run.json", "report.html", "draws.nc", "study.toml", "prediction.json",
-    "prediction.png", "comparison.html", "holdout.json", "holdout.png", "bands.png", "identifiability.json",
-    "design.json", "design.png", "rover.json", "rover.png", "calibration.json", "soiltest.toml",
-    "stream.json", "rows.png", "state/begun.json", "state/state.segment",
-}  # fmt: skip
+_OLDER = frozenset(read_text(Path(__file__).with_name("older_names.txt"), MEGABYTE).split())
 """Names that versions wrote whose folders had no mark yet, or no checksums."""
 
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Collection
 from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayesterra.errors import StudyError
+from bayesterra.runtime.reading import MEGABYTE, read_text
 
 ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcsecond")
 """Units of an angle. Pint counts angles as pure numbers; here they are kept apart."""
@@ -35,24 +38,7 @@ _UNIT_ENDING = re.compile(rf"(.+?)_(mm|cm|m|N|kN|Pa|kPa|s|ms|rpm|kg|kgf|{'|'.joi
 """Units at the end of names that cannot have brackets."""
 STANDARD_GRAVITY = 9.80665
 """m/s², exactly: CGPM 1901."""
-SYNONYMS = {
-    "slip": ("s", "slip_ratio"),
-    "load": ("w", "wheel_load", "vertical_load"),
-    "normal_force": ("f_n", "fn", "f_z", "fz", "vertical_force"),
-    "sinkage": ("z", "wheel_sinkage"),
-    "drawbar_pull": ("dp", "f_dp", "fdp", "f_x", "fx", "drawbar"),
-    "resistance_moment": ("torque", "m_dr", "m_y", "my", "moment", "t_d", "driving_torque", "wheel_torque"),
-    "force": ("f", "f_z", "fz", "normal_force", "load"),
-    "pressure": ("p",),
-    "plate_diameter": ("d", "diameter"),
-    "displacement": ("j", "shear_displacement"),
-    "shear_stress": ("tau", "τ"),
-    "normal_stress": ("sigma", "σ"),
-    "time": ("t", "timestamp"),
-    "travel_speed": ("v", "v_x", "vx", "carriage_speed", "forward_speed"),
-    "rim_speed": ("circumferential_speed", "v_r"),
-    "wheel_speed": ("omega", "ω", "angular_velocity", "wheel_rate"),
-}
+SYNONYMS: dict[str, list[str]] = tomllib.loads(read_text(Path(__file__).with_name("synonyms.toml"), MEGABYTE))
 """Other names of columns, in small letters with underscores."""
 REMARKS = ("remark", "remarks", "comment", "comments", "note", "notes", "date", "operator", "#")
 """First words of headers of columns that are left alone."""

@@ -37,8 +37,8 @@ from bayesterra.sampling.sampler import sample, thin
 from bayesterra.stats.laws import Law
 from bayesterra.study.observations import read_table
 from bayesterra.study.schema import SamplingOptions
-from bayesterra.study.soil_test_file import load_soil_test, soil_test_study
 from bayesterra.study.soil_tests import Readings
+from bayesterra.study.study import load_soil_test, soil_test_study
 
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parent / "support"))

@@ -24,7 +24,7 @@ import xarray as xr
 
 from bayesterra.analysis import result as run_results
 from bayesterra.analysis.result import check_draws, read_pooled, read_result
-from bayesterra.analysis.terminal import print_overview
+from bayesterra.analysis.terminal import study_overview
 from bayesterra.checking.calibration import Outcome
 from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.follow.rows import read_row
@@ -32,7 +32,7 @@ from bayesterra.follow.session import rows_of
 from bayesterra.follow.stream import State, load_stream
 from bayesterra.prediction.prediction import predict
 from bayesterra.prediction.rover import read_rover
-from bayesterra.report.terminal import PlainConsole
+from bayesterra.report.terminal import PlainConsole, show
 from bayesterra.runtime import netcdf
 from bayesterra.runtime.checkpoints import Checkpoints, digest, read_tasks, unpack
 from bayesterra.runtime.netcdf import read_tree
@@ -43,8 +43,7 @@ from bayesterra.study.observations import read_table
 from bayesterra.study.previous import taken
 from bayesterra.study.priors import Source
 from bayesterra.study.result import Result
-from bayesterra.study.soil_test_file import load_soil_test
-from bayesterra.study.study import Study, load_study
+from bayesterra.study.study import Study, load_soil_test, load_study
 from bayesterra.study.wheels import read_wheel
 
 SEEDS = Path(__file__).parent / "seeds"
@@ -100,7 +99,7 @@ def study(data: bytes) -> None:
             loaded = load_study(inner)
             _same_again(loaded, inner / "copy")
         with allowed():
-            print_overview(load_study(inner), quiet_console())
+            show(study_overview(load_study(inner)), console=quiet_console())
         with allowed():
             load_study(inner, prior_only=True)
 

@@ -31,8 +31,7 @@ from bayesterra.runtime.folders import whole_folder, write_text
 from bayesterra.runtime.netcdf import read_drawn
 from bayesterra.runtime.ownership import WORK
 from bayesterra.study.observations import read_table
-from bayesterra.study.soil_test_file import load_soil_test
-from bayesterra.study.study import load_study
+from bayesterra.study.study import load_soil_test, load_study
 from bayesterra.study.wheels import read_wheel
 
 from . import targets

@@ -38,8 +38,7 @@ from bayesterra.sampling.joint import PoolingOptions
 from bayesterra.stats.laws import Law
 from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
-from bayesterra.study.soil_test_file import soil_test_study
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, soil_test_study
 from tests.support.adaptation import little_leaving_out
 from tests.support.two_wheels import few_walkers
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayesterra.study.soil_test_file import load_soil_test
+from bayesterra.study.study import load_soil_test
 
 STUDY = Path(__file__).parents[2] / "studies" / "soil-tests"
 

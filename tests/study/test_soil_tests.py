@@ -9,8 +9,7 @@ import pytest
 import bayesterra as bt
 from bayesterra.errors import StudyError
 from bayesterra.study.canonical import write_study
-from bayesterra.study.soil_test_file import load_soil_test
-from bayesterra.study.study import load_study
+from bayesterra.study.study import load_soil_test, load_study
 from tests.support.soil_tests import PLATE_PRIORS, both, plate_table, plates, shear
 
 TOML = """title = "two plates"

@@ -11,8 +11,7 @@ import bayesterra as bt
 from bayesterra.models import M2
 from bayesterra.stats.laws import Law
 from bayesterra.study.schema import SamplingOptions
-from bayesterra.study.soil_test_file import soil_test_study
-from bayesterra.study.study import Study
+from bayesterra.study.study import Study, soil_test_study
 
 SOIL = {"kc": -1.0e3, "kphi": 900e3, "n": 1.1}
 STRENGTH = {"c": 800.0, "phi": float(np.radians(31.0)), "K": 0.009}
