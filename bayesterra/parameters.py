@@ -7,9 +7,12 @@ which reports, tables and plots speak.
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -64,45 +67,21 @@ class Parameter(Channel):
     group: str = ""
 
 
-_SOIL = (
-    Parameter("Ks", "K_s", r"K_s", "kPa/m^N", 1e3, "Pa", "sinkage modulus", "P_I"),
-    Parameter("n0", "n0", r"n_0", "-", 1.0, "", "sinkage exponent at zero slip", "P_I"),
-    Parameter("n1", "n1", r"n_1", "-", 1.0, "", "growth of the sinkage exponent with slip", "P_I"),
-    Parameter("c", "c", r"c", "kPa", 1e3, "Pa", "cohesion", "P_II"),
-    Parameter("phi", "φ", r"\varphi", "deg", float(np.pi / 180), "rad", "internal friction angle", "P_II"),
-    Parameter("K", "K", r"K", "mm", 1e-3, "m", "shearing deformation modulus", "P_II"),
-    Parameter("c1", "c1", r"c_1", "-", 1.0, "", "maximum-stress angle at zero slip, θm/θ1", "P_III"),
-    Parameter("c2", "c2", r"c_2", "-", 1.0, "", "growth of θm/θ1 with slip", "P_III"),
-    Parameter("c3", "c3", r"c_3", "-", 1.0, "", "leaving angle, θ2/θ1", "P_III"),
-)
+Q = TypeVar("Q", bound=Channel)
+with Path(__file__).with_name("quantities.toml").open("rb") as _file:
+    _TABLES = tomllib.load(_file)
 
-_LOAD_EFFECT = tuple(
-    Parameter(f"c{index}", f"c_{index}", rf"c_\mathrm{{{index}}}", "-", 1.0, "", description, "load effect")
-    for index, description in (
-        ("P1", "correction of the pull at zero slip"),
-        ("P2", "growth of that correction with slip"),
-        ("DP", "load effect on the drawbar pull"),
-        ("M", "load effect on the resistance moment"),
-    )
-)
-"""Coefficients of Ding et al. 2015, (42), which the model M2L alone has."""
 
-CHANNELS: dict[str, Channel] = {
-    channel.name: channel
-    for channel in (
-        Channel("slip", "s", r"s", "-", 1.0, "", "slip ratio"),
-        Channel("load", "W", r"W", "N", 1.0, "N", "vertical load"),
-        Channel("normal_force", "F_N", r"F_\mathrm{N}", "N", 1.0, "N", "normal force"),
-        Channel("sinkage", "z", r"z", "mm", 1e-3, "m", "wheel sinkage"),
-        Channel("drawbar_pull", "F_DP", r"F_\mathrm{DP}", "N", 1.0, "N", "drawbar pull"),
-        Channel("resistance_moment", "M_DR", r"M_\mathrm{DR}", "N m", 1.0, "N m", "driving resistance moment"),
-    )
-}
+def quantities(table: str, kind: type[Q]) -> dict[str, Q]:
+    """Quantities by name from a table of ``quantities.toml``."""
+    return {name: kind(name, *entries) for name, entries in _TABLES[table].items()}
+
+
+CHANNELS = quantities("channels", Channel)
 OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 """Channels that can be outcomes of a drive, in the order of the results."""
 
-SOIL_PARAMETERS = tuple(parameter.name for parameter in _SOIL)
-LOAD_EFFECT = tuple(parameter.name for parameter in _LOAD_EFFECT)
+SOIL_PARAMETERS, LOAD_EFFECT = tuple(_TABLES["soil"]), tuple(_TABLES["load_effect"])
 HELD = {"c3": 0.0}
 """Soil parameters that stay at a value unless a study frees them."""
 MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
@@ -115,19 +94,6 @@ WHEEL_SIZES = (NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX, SLIP_ERROR)
 TEST_SIZES = ("scatter", "memory", "seating")
 SIZES = (*WHEEL_SIZES, *TEST_SIZES)
 """The same of what describes the scatter of soil tests, and of both."""
-
-_MODULI = (
-    Parameter("kc", "k_c", r"k_c", "kPa m/m^N", 1e3, "Pa m", "cohesive modulus, K_s = k_c/b + k_φ"),
-    Parameter("kphi", "k_φ", r"k_\varphi", "kPa/m^N", 1e3, "Pa", "frictional modulus, K_s = k_c/b + k_φ"),
-)
-"""Bekker's moduli, which stand in place of K_s: eq. (4) with K_s = k_c/b + k_φ for a wheel of width b."""
-
-_SOIL_TESTS = (
-    Parameter("scatter", "σ_t", r"\sigma_t", "-", 1.0, "", "scatter of log stress from test to test"),
-    Parameter("memory", "ℓ", r"\ell", "-", 1.0, "", "log distance over which it lasts"),
-    Parameter("seating", "σ_0", r"\sigma_0", "mm", 1e-3, "m", "scatter of the zero of sinkage"),
-)
-"""Scatter of soil tests about their mean curve; a study's names say of which: ``scatter.plates``."""
 
 _SIZES = {
     NOISE_PREFIX: ("σ", r"\sigma", "standard deviation of the {} readings"),
@@ -166,19 +132,13 @@ class Parameters(dict[str, Parameter]):
         return replace(self[base], name=name, symbol=symbol, description=description)
 
 
+_SOIL = quantities("soil", Parameter)
 PARAMETERS = Parameters(
-    (parameter.name, parameter)
-    for parameter in (
-        _SOIL[0],
-        *_MODULI,
-        Parameter("n", "n", r"n", "-", 1.0, "", "sinkage exponent of plates"),
-        *_SOIL[1:],
-        *_LOAD_EFFECT,
-        *(_size(prefix, CHANNELS[name]) for prefix in _SIZES for name in OUTCOMES),
-        Parameter(SLIP_ERROR, "σ(s)", r"\sigma_{s}", "-", 1.0, "", "standard deviation of the slip readings"),
-        Parameter(OFFSET, "z_0", r"z_0", "mm", 1e-3, "m", "zero error common to all sinkage readings"),
-        *_SOIL_TESTS,
-    )
+    {"Ks": _SOIL["Ks"], **quantities("moduli", Parameter), **quantities("exponent", Parameter), **_SOIL}
+    | quantities("load_effect", Parameter)
+    | {prefix + name: _size(prefix, CHANNELS[name]) for prefix in _SIZES for name in OUTCOMES}
+    | quantities("errors", Parameter)
+    | quantities("tests", Parameter)
 )
 """Every parameter a posterior may hold, in the order in which posteriors hold them."""
 
@@ -216,19 +176,8 @@ def soil_array(values: Mapping[str, ArrayLike]) -> FloatArray:
     return np.column_stack(np.broadcast_arrays(*columns))
 
 
-EFFICIENCY = Channel("tractive_efficiency", "η", r"\eta", "-", 1.0, "", "tractive efficiency")
-
-DERIVED: dict[str, Parameter] = {
-    quantity.name: quantity
-    for quantity in (
-        Parameter("bearing_pressure", "p(10 mm)", r"p_{10}", "kPa", 1e3, "Pa", "bearing pressure at 10 mm sinkage"),
-        Parameter("shear_strength", "τ(5 kPa)", r"\tau_{5}", "kPa", 1e3, "Pa", "shear strength at 5 kPa stress"),
-        Parameter("peak_pull", "max F_DP", r"F_\mathrm{DP}^{max}", "N", 1.0, "N", "greatest drawbar pull"),
-        Parameter("peak_pull_slip", "s at max F_DP", r"s^{max}", "-", 1.0, "", "slip of greatest pull"),
-        Parameter("peak_efficiency", "max η", r"\eta^{max}", "-", 1.0, "", "greatest tractive efficiency"),
-        Parameter("peak_efficiency_slip", "s at max η", r"s^{\eta}", "-", 1.0, "", "slip of greatest efficiency"),
-    )
-}
+(EFFICIENCY,) = quantities("efficiency", Channel).values()
+DERIVED = quantities("derived", Parameter)
 
 
 def field_values(name: str, values: FloatArray) -> FloatArray:

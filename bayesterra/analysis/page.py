@@ -344,12 +344,14 @@ def driving(result: Result) -> Driving:
     for name in (name for name in DERIVED if name in summary):
         middle, ends = reached(name, *summary[name].hdi, *numbers.estimate(summary[name].median, *summary[name].hdi))
         derived.append((DERIVED[name].description, amount(name, middle), ends))
+    row = summary_rows(result).get("peak_pull_slip")
+    peak = row.hdi90_hi if row is not None else -np.inf
     return Driving(
         f"Wheel {wheel}" if np.isnan(load) else f"Wheel {wheel} under {numbers.given(round(load, 1))} N",
         tuple(derived),
         header,
         rows,
-        _remark(result, slips),
+        say("remark", bool(result.study.errors.discrepancy), peak, SLIP_GRID[-1], slips[-1]),
     )
 
 
@@ -392,13 +394,6 @@ def _at_slips(
             cells += numbers.estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
-
-
-def _remark(result: Result, slips: FloatArray) -> Markup:
-    """Remark on where the numbers leave the driven slips."""
-    row = summary_rows(result).get("peak_pull_slip")
-    peak = row.hdi90_hi if row is not None else -np.inf
-    return say("remark", bool(result.study.errors.discrepancy), peak, SLIP_GRID[-1], slips[-1])
 
 
 def slip_table(result: Result, wheel: str) -> Table:

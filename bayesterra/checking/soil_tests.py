@@ -19,7 +19,7 @@ from numpy.random import Generator, SeedSequence
 from scipy.special import ndtr, ndtri
 from scipy.stats import chi2, kstest
 
-from bayesterra.arrays import BoolArray, FloatArray, spaced
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.likelihood.experiments import Experiment, covariance, marginal_sd
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.report.numbers import probability
@@ -95,19 +95,14 @@ def _left_out(posterior: Posterior, place: int, draws: FloatArray, seed: SeedSeq
         anew = several and not k_hat <= pareto_limit(len(draws))
         x, others = draws, np.arange(len(readings.tests)) != number
         if anew:
-            x = _anew(posterior, place, others, stream)
+            kept = (each.only(others) if i == place else each for i, each in enumerate(posterior.experiments))
+            size = None if posterior.driven else OF_SOIL_TESTS
+            samples = sample(replace(posterior, experiments=tuple(kept)), ANEW, stream, adaptation=size)
+            x = spaced(samples.chains.reshape(-1, samples.chains.shape[-1]), DRAWS)
             weights = np.full(len(x), -np.log(len(x)))
         level = {"level": readings.levels[number] / of.scale, "unit": of.unit}
         row = _predicted(experiment, number, x, weights)
         yield {"series": experiment.test.name, "test": name, **level, **row, "k_hat": k_hat, "anew": anew}
-
-
-def _anew(posterior: Posterior, place: int, others: BoolArray, stream: SeedSequence) -> FloatArray:
-    """Draws (n, d) of the posterior of all other readings."""
-    kept = (each.only(others) if i == place else each for i, each in enumerate(posterior.experiments))
-    size = None if posterior.driven else OF_SOIL_TESTS
-    samples = sample(replace(posterior, experiments=tuple(kept)), ANEW, stream, adaptation=size)
-    return spaced(samples.chains.reshape(-1, samples.chains.shape[-1]), DRAWS)
 
 
 def _bands(experiment: Experiment, x: FloatArray, rng: Generator) -> pd.DataFrame:

@@ -90,13 +90,9 @@ def _agreement_card(made: Identified) -> Verdict:
 
 def _verdict_section(made: Identified) -> Blocks:
     text = say("words", 100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
-    return (_verdict_table(made), *_objections(made), Text(text), _combinations(made))
-
-
-def _verdict_table(made: Identified) -> Table:
     rows = tuple(_verdict_row(row) for row in records(made.verdicts))
     header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"), Markup("<i>R</i>"))
-    return Table(say("verdict_table"), "llrllrr", header, rows)
+    return (Table(say("verdict_table"), "llrllrr", header, rows), *_objections(made), Text(text), _combinations(made))
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:

@@ -250,7 +250,8 @@ def _unheld(traces: Traces, mode: FloatArray) -> bool:
 def _extended(traces: Traces, column: IntArray, place: FloatArray, mode: FloatArray, engine: Engine) -> Traces:
     """The traces with more points, found from the mode and from their neighbours."""
     traces = traces.with_points(column, place)
-    traces.improved[:] = _beside_new(traces)
+    unknown = np.isinf(traces.value)
+    traces.improved[:] = ~unknown & (np.roll(unknown, 1) | np.roll(unknown, -1))  # points next to one of these
     new = np.flatnonzero(np.isinf(traces.value))
     traces.settled(new, np.repeat(mode[None], len(new), axis=0), np.full(len(new), MODE), engine)
     return traces
@@ -320,9 +321,3 @@ def _crossings(traces: Traces, levels: Sequence[float]) -> tuple[IntArray, Float
         columns.append(column[crossed])
         places.append(place[crossed] + share * (place[crossed + 1] - place[crossed]))
     return np.concatenate(columns), np.concatenate(places)
-
-
-def _beside_new(traces: Traces) -> BoolArray:
-    """Points next to one at which nothing is known."""
-    unknown = np.isinf(traces.value)
-    return np.asarray(~unknown & (np.roll(unknown, 1) | np.roll(unknown, -1)))

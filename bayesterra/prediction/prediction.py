@@ -490,7 +490,9 @@ def forecast(
     for name, wheel in [chosen_wheel(result.study, text) for text in wheels or (None,)]:
         asked = _on_shearing_radius(slips, wheel, slip_reference)
         asked = asked if asked.size else np.unique(result.study.observations.used().slip)
-        grid = _grid(result, asked)
+        driven = driven_range(result.study)  # bands of the plot hold all that were driven or asked for
+        low, high = min(driven[0], asked.min()), max(driven[-1], asked.max())
+        grid = np.linspace(low, high, len(driven))
         for load in loads or (None,):
             slip = np.union1d(grid, asked)
             whole = predict(result, slip, load=load, wheel=wheel, name=name, group=group)
@@ -509,10 +511,3 @@ def _on_shearing_radius(slips: Sequence[float], wheel: Wheel, reference: str) ->
     if reference != "shearing":
         raise StudyError(f"'slip_reference' must be rim, tip or shearing (got {reference!r})")
     return values
-
-
-def _grid(result: Result, asked: FloatArray) -> FloatArray:
-    """Slips for the bands of the plot: all that were driven or asked for."""
-    driven = driven_range(result.study)
-    low, high = min(driven[0], asked.min()), max(driven[-1], asked.max())
-    return np.linspace(low, high, len(driven))

@@ -12,7 +12,7 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, errors_in
-from bayesterra.parameters import CHANNELS, OUTCOMES, Channel
+from bayesterra.parameters import CHANNELS, OUTCOMES, Channel, quantities
 from bayesterra.runtime.reading import MEGABYTE
 from bayesterra.stats.diagnostics import error_of_mean
 from bayesterra.study.observations import Heading, headings, labels, named_columns, read_table, unit_scale
@@ -23,22 +23,7 @@ MOST_LOG, MOST_SAMPLES = 256 * MEGABYTE, 2_000_000
 FEWEST = 20
 """Samples, at least, of a log."""
 
-LOGGED: dict[str, Channel] = {
-    **CHANNELS,
-    **{
-        channel.name: channel
-        for channel in (
-            Channel("time", "t", "t", "s", 1.0, "s", "time"),
-            Channel("travel_speed", "v", "v", "mm/s", 1e-3, "m/s", "travel speed"),
-            Channel("rim_speed", "rω", r"r\omega", "mm/s", 1e-3, "m/s", "speed of the rim"),
-            Channel("wheel_speed", "ω", r"\omega", "rad/s", 1.0, "rad/s", "angular velocity of the wheel"),
-            Channel("position", "x", "x", "m", 1.0, "m", "position along the track"),
-            Channel("force", "F", "F", "N", 1.0, "N", "force on a plate"),
-            Channel("pressure", "p", "p", "kPa", 1e3, "Pa", "pressure under a plate"),
-            Channel("plate_diameter", "D", "D", "mm", 1e-3, "m", "diameter of a plate"),
-        )
-    },
-}
+LOGGED = {**CHANNELS, **quantities("logs", Channel)}
 """Channels of logs."""
 OFFSET = ("load", *OUTCOMES[1:], "force", "pressure")
 """Channels that have an offset, which a zero record tells."""

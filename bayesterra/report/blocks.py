@@ -1,16 +1,13 @@
-"""Blocks of a page and of an overview: text, tables, pictures; and the overview of a result in a notebook."""
+"""Blocks of a page and of an overview: text, tables, pictures."""
 
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
 import pandas as pd
 from markupsafe import Markup
-
-from bayesterra.report.symbols import in_symbols
 
 if TYPE_CHECKING:
     from bayesterra.report.figures import Drawn
@@ -117,27 +114,3 @@ def records(table: pd.DataFrame) -> list[Record]:
 
 Overview: TypeAlias = tuple[Table | Text, ...]
 """A result in short, for a terminal and a notebook: bad lines warn, empty rows part a table."""
-
-
-def notebook(overview: Overview) -> str:
-    """An overview as HTML, plain symbols set as in the literature."""
-    return "".join(
-        str(Markup("<p>{}</p>").format(_set(block.text))) if isinstance(block, Text) else _set_table(block)
-        for block in overview
-    )
-
-
-def _set(cell: Cell) -> Markup:
-    return cell if isinstance(cell, Markup) else in_symbols(cell)
-
-
-def _set_table(block: Table) -> str:
-    lines = Markup("").join(Markup("<tr>{}</tr>").format(_cells("td", row, block)) for row in block.rows if row)
-    filled = Markup("<div><b>{}</b><table><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div>")
-    return str(filled.format(_set(block.caption), _cells("th", block.header, block), lines))
-
-
-def _cells(tag: str, cells: Sequence[Cell], block: Table) -> Markup:
-    start = Markup('<{} style="text-align:{};padding:2px 10px">{}</{}>')
-    sides = zip(cells, block.sides, strict=True)
-    return Markup("").join(start.format(tag, side, _set(cell), tag) for cell, side in sides)

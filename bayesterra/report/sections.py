@@ -12,7 +12,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayesterra.report.blocks import Block, Blocks, Cell, Text
+from bayesterra.report.blocks import Block, Blocks, Cell, Overview, Text
 from bayesterra.report.symbols import angles, in_symbols, listed, symbol, symbols
 from bayesterra.report.verdicts import REPORT, Failures, Verdict, failed, sentences, unknown_verdict, with_failures
 
@@ -187,7 +187,13 @@ def _environment() -> Environment:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters |= {"form": format, "symbol": symbol, "symbols": symbols, "listed": listed}
+    environment.filters["in_symbols"] = in_symbols
     return environment
+
+
+def notebook(overview: Overview) -> str:
+    """An overview as HTML, plain symbols set as in the literature."""
+    return render(overview, "notebook.html")
 
 
 def render(content: object, template: str = "report.html") -> str:

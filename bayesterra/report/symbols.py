@@ -99,11 +99,13 @@ def symbols(names: Iterable[str], last: str = "and") -> Markup:
 
 
 def in_symbols(text: str) -> Markup:
-    """Text with the plain symbols in it set as in the literature.
+    """Text with the plain symbols in it set as in the literature; HTML as it is.
 
     >>> str(in_symbols("K_s − 0.4 n0 of σ(z)"))
     '<i>K</i><sub>s</sub> − 0.4 <i>n</i><sub>0</sub> of <i>σ</i>(<i>z</i>)'
     """
+    if isinstance(text, Markup):
+        return text
     return Markup("").join(_set(part) for part in _PLAIN.split(text))
 
 

@@ -168,7 +168,7 @@ class Verdict:
     @property
     def html(self) -> Markup:
         """The sentence with its symbols set as in the literature."""
-        return self.sentence if isinstance(self.sentence, Markup) else in_symbols(self.sentence)
+        return in_symbols(self.sentence)
 
     @property
     def line(self) -> Text:

@@ -286,19 +286,15 @@ def conditioned(observations: Observations, drive: Drive, *, expected: bool = Fa
     elif not drive.reads_force and has_force:
         notes.append(f"normal_force is not used, as the drive '{drive}' conditions on the load")
     elif drive.reads_force and has_load and not has_force:
-        observations = _with_normal_force(observations)
+        sd = observations.given_sd.get("load", np.full(len(observations), np.nan))
+        values = {**observations.values, "normal_force": observations.load}
+        observations = replace(observations, values=values, given_sd={**observations.given_sd, "normal_force": sd})
         notes.append("no normal_force column: the load is the measured normal force")
     elif drive.latent_load and has_load:
         notes.append(f"load is not used, as the drive '{drive}' infers it from the readings")
     if not drive.latent_load:
         return _with_condition(observations, drive), notes
     return observations if expected else _with_readings(observations, drive), notes
-
-
-def _with_normal_force(observations: Observations) -> Observations:
-    sd = observations.given_sd.get("load", np.full(len(observations), np.nan))
-    values = {**observations.values, "normal_force": observations.load}
-    return replace(observations, values=values, given_sd={**observations.given_sd, "normal_force": sd})
 
 
 def _with_condition(observations: Observations, drive: Drive) -> Observations:

@@ -287,11 +287,11 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
 
 @cache
 def source_digest() -> str:
-    """SHA-256 of the package's source files, names and content."""
+    """SHA-256 of the package's source and data files, names and content."""
     digest = sha256()
     root, of_models = Path(__file__).parents[1], Path(models.__file__).parent
     files = {f"models/{path.relative_to(of_models).as_posix()}": path for path in of_models.rglob("*.py")}
-    files |= {path.relative_to(root).as_posix(): path for path in root.rglob("*.py")}
+    files |= {path.relative_to(root).as_posix(): path for path in root.rglob("*") if path.suffix in (".py", ".toml")}
     for name in sorted(files):
         digest.update(f"{name} {sha256(files[name].read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()

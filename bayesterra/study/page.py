@@ -107,15 +107,9 @@ def strip_row(
 
 def keys(methods: Iterable[str]) -> tuple[tuple[Markup, str], ...]:
     """Looks of prior and posterior in the strip, and the marks of these methods."""
-    small = Markup('<svg class="drawn" viewBox="-9 -6 18 12" width="18" height="12" aria-hidden="true">{}</svg>')
-    fixed = (
-        (f'<rect x="-8" y="-4" width="16" height="8" fill="{PRIOR}" fill-opacity=".28"/>', "prior"),
-        (f'<path d="M-8 5C-3 5 -3 -5 0 -5S3 5 8 5Z" fill="{POSTERIOR}" fill-opacity=".5"/>', "posterior"),
-        (f'<rect x="-8" y="-2" width="16" height="4" fill="{POSTERIOR}"/>', "90 % HDI"),
-        (f'<rect x="-.9" y="-6" width="1.8" height="12" fill="{POSTERIOR}"/>', "mode"),
-    )
-    marks = tuple((small.format(_shape(name, MARKS[name].marker)), MARKS[name].label) for name in methods)
-    return (*((small.format(Markup(shape)), text) for shape, text in fixed), *marks)  # noqa: S704 (constants)
+    looks = ("prior", "posterior", "90 % HDI", "mode")
+    marks = tuple((say("key", _shape(name, MARKS[name].marker)), MARKS[name].label) for name in methods)
+    return (*((say("key", say("look", look, PRIOR, POSTERIOR)), look) for look in looks), *marks)
 
 
 def axis_end(value: float, along: Axis) -> str:

@@ -127,7 +127,7 @@ class AnalysisResult(ABC):
         return f"{self.CALLED}: {folder / self.PAGE}{plot}"
 
     def _repr_html_(self) -> str:
-        from bayesterra.report.blocks import notebook
+        from bayesterra.report.sections import notebook
 
         return notebook(self.overview())
 

@@ -12,31 +12,17 @@ import pandas as pd
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import StudyError, did_you_mean, errors_after, errors_in, known
 from bayesterra.models.soil_tests import SOIL_TESTS, SoilTestModel
-from bayesterra.parameters import OFFSET, PARAMETERS, Channel, of_soil_tests
+from bayesterra.parameters import OFFSET, PARAMETERS, Channel, of_soil_tests, quantities
 from bayesterra.stats.laws import Law
 from bayesterra.study.entries import SCATTER, law_entry
 from bayesterra.study.observations import Column, labels, named_columns, required, unit_scale, used_rows
 from bayesterra.study.schema import SoilTestTable
 from bayesterra.study.units import text
 
-COLUMNS: dict[str, Channel] = {
-    channel.name: channel
-    for channel in (
-        Channel("plate_diameter", "2b", r"2b", "mm", 1e-3, "m", "plate diameter"),
-        Channel("sinkage", "z", r"z", "mm", 1e-3, "m", "sinkage"),
-        Channel("force", "F", r"F", "N", 1.0, "N", "force on the plate"),
-        Channel("pressure", "p", r"p", "kPa", 1e3, "Pa", "pressure under the plate"),
-        Channel("normal_stress", "σ", r"\sigma", "kPa", 1e3, "Pa", "normal stress"),
-        Channel("displacement", "j", r"j", "mm", 1e-3, "m", "shear displacement"),
-        Channel("shear_stress", "τ", r"\tau", "kPa", 1e3, "Pa", "shear stress"),
-    )
-}
+COLUMNS = quantities("soil_tests", Channel)
 """Columns that a table of readings may have, beside ``test`` and ``use``."""
 PATHS = {"plate": COLUMNS["sinkage"], "shear": COLUMNS["displacement"]}
-LEVELS = {
-    "plate": Channel("plate_radius", "b", r"b", "mm", 1e-3, "m", "plate radius"),
-    "shear": COLUMNS["normal_stress"],
-}
+LEVELS = {"plate": COLUMNS.pop("plate_radius"), "shear": COLUMNS["normal_stress"]}
 STRESSES = {"plate": COLUMNS["pressure"], "shear": COLUMNS["shear_stress"]}
 """Axis of a curve, what sets tests apart, and the answer of the soil, by kind of test."""
 

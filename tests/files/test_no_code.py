@@ -22,7 +22,7 @@ CALLS = {
 HARMLESS = {
     "re.compile",
     "platform.system",
-    "import_module",  # of our own modules, by names that stand in bayesterra/__init__.py
+    "import_module",  # of our own modules, by names that stand in bayesterra/__init__.pyi
 }
 READERS = {
     "read_pickle", "read_hdf", "read_excel", "read_html", "read_xml", "read_sql", "read_json", "read_table",

@@ -3,7 +3,8 @@
 import pytest
 from markupsafe import Markup
 
-from bayesterra.report.blocks import Table, Text, notebook
+from bayesterra.report.blocks import Table, Text
+from bayesterra.report.sections import notebook
 from bayesterra.report.terminal import show
 
 OVERVIEW = (
