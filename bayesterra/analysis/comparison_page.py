@@ -59,10 +59,7 @@ def comparison_page(comparison: Comparison) -> VerdictPage:
 
 
 def _warning(comparison: Comparison) -> Markup:
-    unfinished = [name for name, result in comparison.results.items() if not result.converged]
-    if not unfinished:
-        return Markup("")
-    return Markup("The sampling of {} has <b>not converged</b>: what follows may be wrong.").format(listed(unfinished))
+    return say("warning", [name for name, result in comparison.results.items() if not result.converged])
 
 
 def _readings(comparison: Comparison) -> Verdict:
@@ -71,8 +68,7 @@ def _readings(comparison: Comparison) -> Verdict:
     if apart:
         studies = ((name, comparison.results[name].study) for name in (first, *apart))
         explained = listed(Markup("{}: {}").format(name, _counted(study)) for name, study in studies)
-        sentence = Markup("{}. Parameters and predictions compare; evidence does only for the same readings.")
-        return Verdict("Readings explained", "not the same", "doubtful", sentence.format(explained))
+        return Verdict("Readings explained", "not the same", "doubtful", say("apart", explained))
     sentence = Markup("All explain the same readings: {}.").format(_counted(comparison.results[first].study))
     return Verdict("Readings explained", "the same", "good", sentence)
 
@@ -86,27 +82,16 @@ def _counted(study: Study) -> Markup:
 def _evidence(comparison: Comparison) -> Verdict:
     names, evidence = _alike(comparison), comparison.evidence
     if len(names) < 2:
-        sentence = Markup("No two results have comparable evidence.")
-        return Verdict("Evidence", "not comparable", "doubtful", sentence)
+        return Verdict("Evidence", "not comparable", "doubtful", say("no_evidence"))
     errors = {name: with_error(evidence[name].value, evidence[name].error) for name in names}
     values = listed(Markup("{} {} ± {}").format(name, *pair) for name, pair in errors.items())
     best, second = sorted(names, key=lambda name: -evidence[name].value)[:2]
-    word, grade = comparison.word(second, best), "doubtful"
-    if word.startswith("not known"):
-        sentence = Markup("Log evidence {}; {}.").format(values, word.removeprefix("not known: "))
-        word = "not known"
-    elif word == "not distinguishable":
-        sentence = Markup("Log evidence {}; below {:.0f}, or two errors, a difference says nothing.")
-        sentence = sentence.format(values, BARE)
-    else:
-        difference = rounded(comparison.difference(second, best)[0], 0.1)
-        sentence = Markup("Log evidence {}: {} over {} by {}, {} by Kass and Raftery's words.").format(
-            values, best, second, difference, word.partition(" evidence")[0]
-        )
-        word, grade = f"{best} favoured", "good"
-    if comparison.left_out(second, best) is not None:
-        sentence += Markup(" Leaving rows out: {}.").format(comparison.left_out_word(second, best))
-    return Verdict("Evidence", word, grade, sentence)
+    word, difference = comparison.word(second, best), rounded(comparison.difference(second, best)[0], 0.1)
+    left_out = comparison.left_out_word(second, best) if comparison.left_out(second, best) is not None else ""
+    sentence = say("evidence", values, word, BARE, best, second, difference, left_out)
+    if word.startswith("not "):
+        return Verdict("Evidence", word.partition(":")[0], "doubtful", sentence)
+    return Verdict("Evidence", f"{best} favoured", "good", sentence)
 
 
 def _alike(comparison: Comparison) -> list[str]:

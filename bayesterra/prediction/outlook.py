@@ -20,7 +20,7 @@ from bayesterra.models import statics
 from bayesterra.models.statics import CurvedGround, Greatest, Ground, Outcome, State, Sweep, greatest
 from bayesterra.parameters import CHANNELS
 from bayesterra.prediction import prediction
-from bayesterra.prediction.prediction import UNANSWERED, Condition, quantile_columns, quantiles
+from bayesterra.prediction.prediction import UNANSWERED, Condition, quantile_columns, quantiles, say
 from bayesterra.prediction.rover import AXLES, EARTH, Rover, read_rover
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.result import AnalysisResult, Result
@@ -38,10 +38,7 @@ QUANTITIES = {
 """Fields of a state: name in tables, SI value of a field unit, field unit."""
 GREATEST = {"slope": "rad", "tow": "N"}
 """Greatest values that may be asked for, and their dimensions."""
-MODEL_ERROR = (
-    "the bands hold what the readings leave open about the soil; the error of the wheel-soil model itself"
-    " is not in them"
-)
+MODEL_ERROR = say.plain("model_error")
 FAILURES = (Outcome.CANNOT, Outcome.SINKS, Outcome.LIFTS)
 DEGREE = float(np.pi / 180)
 
@@ -155,15 +152,10 @@ class RoverOutlook(AnalysisResult):
         if beyond:
             named = ", ".join(_place(self.asked, i) for i in (beyond if len(beyond) < 4 else beyond[:3]))
             more = "" if len(beyond) < 4 else " and more"
-            yield (
-                f"at {named}{more} the median slip lies above the driven slips, {low:.3g} to {high:.3g}: extrapolated"
-            )
+            yield say.plain("slips", named + more, low, high)
         above = float((self.slopes.slip > high).mean())
         if above > UNANSWERED:
-            yield (
-                f"for {100 * above:.0f} % of the draws the greatest slope is reached above the driven slips,"
-                f" {low:.3g} to {high:.3g}: extrapolated; its value at driven slips stands beside it"
-            )
+            yield say.plain("greatest", above, low, high)
 
     @property
     def table(self) -> pd.DataFrame:
@@ -436,16 +428,11 @@ def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterat
     loads = middles[np.isfinite(middles)]
     if ends and loads.size and not (0.999 * ends[0] <= loads.min() and loads.max() <= 1.001 * ends[1]):
         named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in ends))
-        yield (
-            f"wheel loads of {loads.min():.3g} to {loads.max():.3g} N leave the measured loads, {named} N: extrapolated"
-        )
+        yield say.plain("loads", loads.min(), loads.max(), named)
     for wheel in dict.fromkeys(rover.wheels):
         yield from prediction.wheel_remarks(study, wheel, known=known)
     if rover.gravity is not None and abs(rover.gravity - EARTH) > 0.1:
-        yield (
-            f"the rover weighs {rover.weight:.4g} N under {rover.gravity:.3g} m/s²; the soil's parameters are"
-            " taken unchanged from where they were measured"
-        )
+        yield say.plain("gravity", rover)
     if not study.errors.discrepancy:
         yield MODEL_ERROR
 

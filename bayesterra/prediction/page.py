@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from bayesterra.arrays import FloatArray
 from bayesterra.models.statics import Greatest, State
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles, say
 from bayesterra.prediction.rover import AXLES
 from bayesterra.report import figures
 from bayesterra.report.blocks import Cell, Overview, Table, Text, records
@@ -163,14 +163,11 @@ def _probabilities(table: pd.DataFrame | None) -> Overview:
         return ()
     keys = [name for name in table.columns if name not in ("no_answer", "model_error", "extrapolated")]
     rows = [(*(_asked(row[key]) for key in keys[:-1]), percent(row["probability"])) for row in records(table)]
-    held = (
-        "The error of the model, as the study states it, is in these probabilities."
-        if table["model_error"].all()
-        else "The error of the model itself is not in these probabilities: state it in [discrepancy] to have it there."
-    )
-    said = f"{held} Noise of readings is not; draws without an answer meet no condition."
     align = "".join("l" if key in ("wheel", "condition") else "r" for key in keys)
-    return (Table("Probabilities", align, tuple(keys), tuple(rows)), Text(said))
+    return (
+        Table("Probabilities", align, tuple(keys), tuple(rows)),
+        Text(say.plain("probabilities", table["model_error"].all())),
+    )
 
 
 def _asked(value: object) -> str:

@@ -24,6 +24,7 @@ from bayesterra.models import Conditions, Wheel
 from bayesterra.models.geometry import convert_slip
 from bayesterra.models.traction import tractive_efficiency
 from bayesterra.parameters import CHANNELS, DERIVED, EFFICIENCY, Channel
+from bayesterra.report.sections import Prose
 from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study.drive import Drive
@@ -31,6 +32,8 @@ from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
 from bayesterra.study.study import Study, without_wheels
 from bayesterra.study.units import quantity
 from bayesterra.study.wheels import checked_slips, chosen_wheel, driven_range, measured_loads
+
+say = Prose("prediction")
 
 UNANSWERED = 0.05
 """Share of draws without an answer from which a band is marked."""
@@ -433,17 +436,11 @@ def error_remark(study: Study, wheel: Wheel) -> str:
 def wheel_remarks(study: Study, wheel: Wheel, *, known: bool = False) -> Iterator[str]:
     """Sentences on where a wheel leaves those that were measured; ``known``: its parameters allow for it."""
     if wheel not in study.wheels.values() and not known:
-        yield (
-            f"the wheel was not driven ({', '.join(study.wheels)} was): parameters that one wheel finds in a"
-            " soil need not hold for another, least of all when only one of them has lugs"
-        )
+        yield say.plain("other_wheel", study.wheels)
     widths = {measured.width for measured in study.wheels.values()}
     if wheel.width not in widths and not study.prior.uses_moduli:
         named = ", ".join(f"{1e3 * width:g} mm" for width in sorted(widths))
-        yield (
-            f"K_s = k_c/b + k_φ was identified with wheels {named} wide and taken unchanged for"
-            f" {1e3 * wheel.width:g} mm: small where k_c is, as in dry soils"
-        )
+        yield say.plain("width", named, wheel.width)
 
 
 def slips_of(texts: Sequence[str]) -> list[float]:

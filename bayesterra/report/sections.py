@@ -171,6 +171,10 @@ class Prose:
         macro = getattr(_environment().get_template(self._file).module, name)
         return Markup(_BLANKS.sub(" ", macro(*values)).strip(" "))  # noqa: S704 (escaped by the template)
 
+    def plain(self, name: str, *values: object) -> str:
+        """The same for a record or a terminal, where nothing is HTML."""
+        return self(name, *values).unescape()
+
     def rows(self, name: str) -> tuple[tuple[Cell, ...], ...]:
         """Rows of a table that the template sets under this name."""
         rows: list[tuple[Cell, ...]] = getattr(_environment().get_template(self._file).module, name)

@@ -24,6 +24,7 @@ from scipy.special import ndtr
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, did_you_mean, errors_after
 from bayesterra.parameters import MODULI, PARAMETERS, PRIOR_PARAMETERS, SIZES
+from bayesterra.report.sections import Prose
 from bayesterra.runtime.netcdf import Drawn, read_drawn
 from bayesterra.stats.dependence import SINGULAR, TRIED, MixtureCopula, fit_mixture_copula
 from bayesterra.stats.diagnostics import array_ess, rank_scores
@@ -31,6 +32,8 @@ from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source
 from bayesterra.study.schema import read_toml
+
+say = Prose("previous")
 
 ENOUGH = 400
 """Effective draws of every parameter below which tails and correlations are not known well enough."""
@@ -166,7 +169,7 @@ def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS, tied: Colle
         mixture = mixture if tried.difference < fidelity.difference else None
     bound = [name for name in take if name in tied] if mixture is not None else []
     mixture = None if bound else mixture
-    text = _text(drawn, size, source.widen) + _joint_text(fidelity, mixture, tried)
+    text = say.plain("source", drawn.label, size, source.widen, fidelity, mixture, tried)
     laws = {
         here: _law(here, there, drawn.draws[there], ranges.get(there), size, text).widened(source.widen)
         for here, there in take.items()
@@ -304,28 +307,6 @@ def _mixture(
     return mixture, _compared(names, np.mean(away, axis=0), matrix, min(size, TRIED))
 
 
-def _text(drawn: Drawn, size: float, widen: float) -> str:
-    spread = f", scores spread by {widen:g}" if widen > 1.0 else ""
-    return f"posterior of {drawn.label}, {size:.0f} effective draws{spread}"
-
-
-def _joint_text(fidelity: Fidelity, mixture: MixtureCopula | None, tried: Fidelity | None) -> str:
-    """The joint law in words, with how far it and the other one are off."""
-    if not fidelity.pair:
-        return ""
-    off = f"off by at most {fidelity.difference:.2f} in probability, about {' and '.join(fidelity.pair)}"
-    if tried is None:
-        return f"; joint law {off}"
-    other = f"a mixture of normal laws by {tried.difference:.2f}"
-    if mixture is None:
-        return f"; joint law {off} ({other})"
-    number = len(mixture.weights)
-    return (
-        f"; joint law, a mixture of {number} normal laws of scores, off by at most {tried.difference:.2f}"
-        f" in probability, about {' and '.join(tried.pair)} (correlations by {fidelity.difference:.2f})"
-    )
-
-
 def _notes(
     drawn: Drawn, take: Mapping[str, str], fidelity: Fidelity, mixture: MixtureCopula | None, tried: Fidelity | None
 ) -> list[str]:
@@ -334,17 +315,5 @@ def _notes(
         name = next(name for name in ("Ks", "kphi") if name in take)
         notes.append(f"{name} is taken from {drawn.label} without its exponent: its unit changes with n0")
     if fidelity.poor or mixture is not None:
-        a, b = fidelity.pair
-        stand = "badly" if fidelity.poor else "less well"
-        instead = ""
-        if mixture is not None and tried is not None:
-            instead = (
-                f"; a mixture of {len(mixture.weights)} normal laws of scores stands in, off by up to"
-                f" {tried.difference:.2f}"
-            )
-        notes.append(
-            f"correlations stand {stand} for the posterior of {drawn.label}, above all about {a} and {b}"
-            f" (probabilities off by up to {fidelity.difference:.2f}){instead};"
-            " single parameters keep their laws"
-        )
+        notes.append(say.plain("stand", drawn.label, fidelity, mixture, tried))
     return notes
