@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,7 +28,7 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, whole_and_part
 from bayesterra.pooling.run import PooledResult
 from bayesterra.report.verdicts import Verdict, failed, quotable, sampling_verdict, unknown_verdict
 from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
-from bayesterra.runtime.reading import check_sums, damage, read_json
+from bayesterra.runtime.reading import MEGABYTE, check_sums, damage, read_json, read_text
 from bayesterra.runtime.tables import Count, Number, read_csv
 from bayesterra.study import result as base
 from bayesterra.study.study import Study, load_study
@@ -207,34 +208,13 @@ class PriorResult(base.DrawnResult):
     predictive: pd.DataFrame
 
 
-NUMBER, TEXT = "number", "text"
-COLUMNS: Mapping[str, Mapping[str, str | Collection[str]]] = {
-    "summary": {
-        "parameter": {*PARAMETERS, *DERIVED}, "unit": TEXT, "mode": NUMBER, "mean": NUMBER,
-        "median": NUMBER, "sd": NUMBER, "hdi90_lo": NUMBER, "hdi90_hi": NUMBER, "ess_bulk": NUMBER,
-        "ess_tail": NUMBER, "r_hat": NUMBER, "prior_mean": NUMBER, "prior_sd": NUMBER,
-    },
-    "least_squares": {"method": TEXT, "parameter": TEXT, "unit": TEXT, "value": NUMBER},
-    "identifiability": {
-        "parameter": {*PARAMETERS}, "verdict": TEXT, "contraction": NUMBER, "correlation": NUMBER,
-        "bound": TEXT, "prior_sd": NUMBER, "posterior_sd": NUMBER,
-    },
-    "predictive": {
-        "row": NUMBER, "slip": NUMBER, "channel": {*CHANNELS}, "unit": TEXT, "observed": NUMBER,
-        "mean": NUMBER, "q05": NUMBER, "q50": NUMBER, "q95": NUMBER, "no_answer": NUMBER,
-    },
+_HELD = tomllib.loads(read_text(Path(__file__).with_name("result.toml"), MEGABYTE))
+COLUMNS: Mapping[str, Mapping[str, str]] = _HELD["columns"]
+"""Columns that tables must have, by kind: ``number``, ``text``, or a name of one of these."""
+NAMES: Mapping[str, Collection[str]] = {
+    "parameter": {*PARAMETERS}, "quantity": {*PARAMETERS, *DERIVED}, "channel": {*CHANNELS},
 }  # fmt: skip
-"""Columns that tables must have."""
-GROUPS: Mapping[str, tuple[str, ...]] = {
-    "posterior": ("chain", "draw"),
-    "sample_stats": ("chain", "draw"),
-    "log_prior": ("chain", "draw"),
-    "prior": ("chain", "draw"),
-    "prior_predictive": ("chain", "draw", "row"),
-    "posterior_predictive": ("chain", "draw", "row"),
-    "observed_data": ("row",),
-    "log_likelihood": ("chain", "draw", "row"),
-}
+GROUPS: Mapping[str, Sequence[str]] = _HELD["groups"]
 """Groups of ``draws.nc``, and the dimensions of all that is in them.
 
 Older files have all rows of the table under ``row``, and the log likelihood of those in the fit under
@@ -263,16 +243,16 @@ def check_tables(tables: Mapping[str, pd.DataFrame], names: Sequence[str]) -> No
         raise ValueError("identifiability.csv names other parameters than the study")
 
 
-def _check_column(table: pd.DataFrame, column: str, kind: str | Collection[str], place: str) -> None:
+def _check_column(table: pd.DataFrame, column: str, kind: str, place: str) -> None:
     if column not in table:
         raise ValueError(f"{place} lacks the column '{column}'")
     if list(table.columns).count(column) > 1:
         raise ValueError(f"{place} has the column '{column}' twice")
     values = table[column]
-    if kind == NUMBER:
+    if kind == "number":
         if not pd.api.types.is_numeric_dtype(values) or pd.api.types.is_complex_dtype(values):
             raise ValueError(f"{place}: '{column}' must hold numbers")
-    elif not all(isinstance(v, str) and (kind == TEXT or whole_and_part(v)[0] in kind) for v in values):
+    elif not all(isinstance(v, str) and (kind == "text" or whole_and_part(v)[0] in NAMES[kind]) for v in values):
         raise ValueError(f"{place}: '{column}' holds what does not belong there")
 
 

@@ -226,31 +226,28 @@ def run_pooled(
     verdicts = failures.attempt("sharing", lambda: shared_or_not(evidences), tuple[Sharing, ...])
     stated = failures.attempt("sharing_as_stated", lambda: as_stated(evidences), dict[str, Sharing])
     summary = _summary(samples, kept, prior)
+    lost = [degree.left_out for degree in degrees] or [pd.DataFrame(columns=LEFT_OUT_COLUMNS)]
     rows = [degree.row() for degree in degrees]
     table = pd.DataFrame(rows) if rows else pd.DataFrame(columns=DEGREE_COLUMNS)
     shares = _sharing_table(joint, verdicts, stated, kept)
     draws = _tree(study, joint, samples, kept, prior, failures)
+    told = {
+        "degrees": table.to_dict("records"),
+        "preferred": preferred(degrees),
+        "sentence": sentence(verdicts) if verdicts else "",
+        "sentence_as_stated": sentence(tuple(stated.values())) if stated else "",
+    }
     findings = {
         "verdict": _verdict(samples, complete),
-        "pooling": {
-            "by": joint.pooling.by,
-            "groups": list(joint.groups),
-            "shared": list(joint.shared),
-            "separate": list(joint.pooling.separate),
-            "hierarchical": list(joint.populations),
-            "degrees": table.to_dict("records"),
-            "preferred": preferred(degrees),
-            "sentence": sentence(verdicts) if verdicts else "",
-            "sentence_as_stated": sentence(tuple(stated.values())) if stated else "",
-        },
+        "pooling": {**joint.pooling.record(), "groups": list(joint.groups), **told},
         "sampling": {"moves": dict(samples.moves), "kept_one_step_in": kept.every},
     }
     if crosscheck:
 
         def against() -> dict[str, Any]:
             ours = Weighted.of_ensembles("bayesterra", samples.chains[:, :: kept.every], None)
-            told = against_nested(joint, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
-            return {"crosscheck": told.record()}
+            compared = against_nested(joint, ours, nesting, report=lambda stage: report(Progress(stage, 1.0)))
+            return {"crosscheck": compared.record()}
 
         findings |= failures.attempt("crosscheck", against, dict[str, Any])
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
@@ -260,9 +257,7 @@ def run_pooled(
         summary=summary,
         pooling=table,
         sharing=shares,
-        left_out=pd.concat([degree.left_out for degree in degrees], ignore_index=True)
-        if degrees
-        else pd.DataFrame(columns=LEFT_OUT_COLUMNS),
+        left_out=pd.concat(lost, ignore_index=True),
         record=with_failures(result.run_record(study, seed, findings, seconds), failures),
     )
 

@@ -22,6 +22,7 @@ from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior, PriorDraws
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, adapt, refine
 from bayesterra.sampling.coordinates import Coordinates, coordinates
+from bayesterra.sampling.sampler import Target
 from bayesterra.stats import mixture as mixtures
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.transport import fit_proposal
@@ -159,13 +160,7 @@ def redrawn(near: PosteriorProposal[Posterior], other: Posterior, rng: Generator
     weights = np.exp(smoothed)
     if k_hat <= EVEN and mixtures.effective_number(weights) >= ENOUGH:
         return Redrawn(x[finite][mixtures.systematic(weights, REDRAWN, rng)], k_hat, False, True)
-
-    def densities(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        inside, log_jacobian = near.coordinates.to_physical(u)
-        prior, likelihood = other.log_prior_and_likelihood(inside)
-        possible = (prior > -np.inf) & np.isfinite(log_jacobian)
-        return np.where(possible, prior + np.where(possible, log_jacobian, 0.0), -np.inf), likelihood
-
+    densities = Target(other, near.coordinates).densities
     start = near.u[finite][mixtures.systematic(weights, REFINEMENT.particles, rng)]
     law = Pair(refined(start, densities, rng), near.mixture(rng))
     for n in (2 * REDRAWN, 8 * REDRAWN):

@@ -43,10 +43,11 @@ class Dependence(Protocol):
 
     def split(self, shared: int) -> Split:
         """The same with the first ``shared`` scores common to groups and the others each group's own."""
+        return Split(self, shared)
 
 
 @dataclass(frozen=True)
-class GaussianCopula:
+class GaussianCopula(Dependence):
     """Scores that are jointly normal with a ``correlation`` (d, d)."""
 
     correlation: FloatArray
@@ -84,7 +85,7 @@ class GaussianCopula:
 
 
 @dataclass(frozen=True)
-class JoinedDependence:
+class JoinedDependence(Dependence):
     """Sets of scores, independent of each other: the positions in each set, rising, and its dependence."""
 
     sets: tuple[tuple[tuple[int, ...], Dependence], ...]
@@ -118,10 +119,6 @@ class JoinedDependence:
             if places:
                 sets.append((places, dependence.marginal([own.index(at[place]) for place in places])))
         return JoinedDependence(tuple(sets))
-
-    def split(self, shared: int) -> Split:
-        """See :class:`Dependence`."""
-        return Split(self, shared)
 
 
 @dataclass(frozen=True)
@@ -231,7 +228,7 @@ _LOG_ROOT = 0.5 * float(np.log(2 * np.pi))
 
 
 @dataclass(frozen=True)
-class MixtureCopula:
+class MixtureCopula(Dependence):
     """Scores whose latent values y have a mixture of k normal laws as their joint law.
 
     Attributes
@@ -358,10 +355,6 @@ class MixtureCopula:
         """See :class:`Dependence`."""
         means, covariances = np.array(self.means)[:, at], np.array(self.covariances)[:, at][:, :, at]
         return MixtureCopula.of(np.array(self.weights), means, covariances)
-
-    def split(self, shared: int) -> Split:
-        """See :class:`Dependence`."""
-        return Split(self, shared)
 
     @classmethod
     def of(cls, weights: FloatArray, means: FloatArray, covariances: FloatArray) -> MixtureCopula:

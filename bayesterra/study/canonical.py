@@ -181,8 +181,8 @@ def _pooling(pooling: Pooling) -> dict[str, object]:
         }
         for name, population in pooling.hierarchical.items()
     }
-    lists = {"by": pooling.by, "shared": list(pooling.shared), "separate": list(pooling.separate)}
-    return {**lists, **({"hierarchical": hierarchical} if hierarchical else {})}
+    named = {name: lists for name, lists in pooling.record().items() if name != "hierarchical"}
+    return {**named, **({"hierarchical": hierarchical} if hierarchical else {})}
 
 
 def _least_squares(study: Study) -> dict[str, object]:

@@ -77,6 +77,11 @@ class Pooling:
         whole = f"a {self.by} that is left out whole is predicted from the {' and the '.join(sources)}"
         return f"Refits are of the joint posterior; {whole}."
 
+    def record(self) -> dict[str, object]:
+        """Roles of the parameters, for ``run.json``."""
+        lists = {name: list(getattr(self, name)) for name in ("shared", "separate", "hierarchical")}
+        return {"by": self.by, **lists}
+
     def own_names(self, groups: Iterable[str]) -> list[str]:
         """Names of what is not one value for all: ``K.mean``, ``K.spread``, ``K[Wh11]``."""
         values = [f"{name}[{group}]" for group in groups for name in (*self.separate, *self.hierarchical)]
