@@ -110,16 +110,13 @@ def _moves(comparison: Comparison) -> Verdict:
     moved = table[(table["shift"].abs() >= MOVED) & (table["result"] != first)]
     moved = moved.reindex(moved["shift"].abs().sort_values(ascending=False).index)
     count = table[table["result"] == first]["quantity"].nunique()
-    if moved.empty:
-        sentence = Markup("No mean moves by {:.0f} sd of {} or more.").format(MOVED, first)
-        return Verdict("Conclusions", "agree", "good", sentence)
     shifts = [
         Markup("{} ({} in {})").format(symbol(row["quantity"]), shift(row["shift"]), row["result"])
         for row in moved.head(4).to_dict("records")
     ]
-    more = "" if len(moved) <= len(shifts) else " and more"
-    sentence = Markup("Means moved by {:.0f} sd of {} or more: {}{}.").format(MOVED, first, listed(shifts), more)
-    return Verdict("Conclusions", f"{moved['quantity'].nunique()} of {count} move", "doubtful", sentence)
+    word = "agree" if moved.empty else f"{moved['quantity'].nunique()} of {count} move"
+    sentence = say("moves", MOVED, first, shifts, len(moved) > len(shifts))
+    return Verdict("Conclusions", word, "good" if moved.empty else "doubtful", sentence)
 
 
 def comparison_overview(comparison: Comparison) -> Overview:

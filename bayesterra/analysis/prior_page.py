@@ -18,7 +18,7 @@ from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import INK, PRIOR, fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
-from bayesterra.report.sections import Draft, Prose, Section, VerdictPage, origin_rows
+from bayesterra.report.sections import Draft, Prose, Section, VerdictPage, repeated
 from bayesterra.report.symbols import angles, listed, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict, failed
@@ -52,7 +52,7 @@ def prior_page(result: PriorResult) -> VerdictPage:
         draft.section("predictions", "What the prior predicts", _predictive_section),
         draft.section("derived", "Derived quantities", _derived_section),
         draft.section("data", "Conditions and model", _conditions),
-        Section("reproduce", "Reproduce this", (_reproduce(result),)),
+        Section("reproduce", "Reproduce this", (repeated("run STUDY --prior-only", result.record),)),
     )
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
@@ -166,13 +166,6 @@ def _derived_section(result: PriorResult) -> Blocks:
     )
     header = ("", "quantity", "unit", "median", "mean", "sd", "90 % HDI")
     return (Table(say("derived"), "lllrrrr", header, body),)
-
-
-def _reproduce(result: PriorResult) -> Table:
-    record = result.record
-    command = Markup("<code>bayesterra run STUDY --prior-only --seed {}</code>").format(record["seed"])
-    facts = (("command", command), ("made", record["made"]), *origin_rows(record, "study"))
-    return Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
 
 
 BINS = 40

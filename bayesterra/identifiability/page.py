@@ -12,6 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayesterra.arrays import FloatArray
+from bayesterra.errors import counted
 from bayesterra.identifiability import evidence_page
 from bayesterra.identifiability.analysis import Foreseen, Identified
 from bayesterra.identifiability.information import ALL
@@ -22,7 +23,7 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Record, Ta
 from bayesterra.report.figures import GRID, INK, POSTERIOR, PRIOR, label, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, signed
 from bayesterra.report.sections import Prose, Section, VerdictPage
-from bayesterra.report.symbols import amount, in_symbols, listed, symbol, symbols
+from bayesterra.report.symbols import amount, in_symbols, listed, symbol
 from bayesterra.report.verdicts import Verdict
 from bayesterra.study.result import COUPLED, shown
 
@@ -65,27 +66,16 @@ def _directions_card(made: Identified) -> Verdict:
 def _parameters_card(made: Identified) -> Verdict:
     words = made.found.verdicts.groupby("verdict")["parameter"].agg(list).to_dict()
     determined = words.get("determined", [])
-    others = [word for word in WORDS if word in words and word != "determined"]
-    phrases = [Markup("{}: {}").format(word, symbols(words[word])) for word in others]
-    first = Markup("{} on {} own").format(symbols(determined), "its" if len(determined) == 1 else "their")
-    sentence = Markup("; ").join([first if determined else Markup("None on its own"), *phrases])
+    others = {word: words[word] for word in WORDS if word in words and word != "determined"}
     grade = "good" if len(determined) == len(made.found.names) else "doubtful" if determined else "bad"
     word = f"{len(determined)} of {len(made.found.names)} determined"
-    return Verdict("Parameters", word, grade, Markup("{}.").format(sentence))
+    return Verdict("Parameters", word, grade, say("parameters", determined, others))
 
 
 def _agreement_card(made: Identified) -> Verdict:
-    table = made.found.verdicts
-    against = table[table["against"] != ""]
-    if against.empty:
-        sentence = Markup("Profiles and divergences say nothing against any verdict.")
-        return Verdict("Methods", "agree", "good", sentence)
-    said = [Markup("{}: {}").format(symbol(row["parameter"]), row["against"]) for row in records(against)]
-    sentence = Markup("Against the word for {}.").format(Markup("; ").join(said))
-    if len(said) > FEW:
-        sentence = Markup("Against the words for {}: see below.").format(symbols(against["parameter"]))
-    count = f"{len(said)} objection{'s' if len(said) > 1 else ''}"
-    return Verdict("Methods", count, "doubtful", sentence)
+    against = [row for row in records(made.found.verdicts) if row["against"]]
+    word = counted(len(against), "objection") if against else "agree"
+    return Verdict("Methods", word, "doubtful" if against else "good", say("against", against, FEW))
 
 
 def _verdict_section(made: Identified) -> Blocks:
@@ -120,12 +110,8 @@ def _ends(row: Record) -> Cell:
 
 
 def _objections(made: Identified) -> Blocks:
-    said = tuple(
-        Markup("<b>{}</b> ({}): {}").format(symbol(row["parameter"]), row["verdict"], row["against"])
-        for row in records(made.verdicts)
-        if row["against"]
-    )
-    return (Text(Markup("What speaks against a word. {}.").format(Markup(". ").join(said))),) if said else ()
+    against = [row for row in records(made.verdicts) if row["against"]]
+    return (Text(say("objections", against)),) if against else ()
 
 
 def _combinations(made: Identified) -> Table:

@@ -19,7 +19,7 @@ from bayesterra.pooling.run import PooledResult
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, MARKS, POSTERIOR, PRIOR, label, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, interval, moments, number, plain, resolution, rounded
-from bayesterra.report.sections import Draft, Prose, VerdictPage, origin_rows
+from bayesterra.report.sections import Draft, Prose, VerdictPage, repeated
 from bayesterra.report.symbols import listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict
@@ -55,7 +55,7 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         draft.section("posterior", "Joint posterior", _summary_section),
         draft.section("prior", "Prior and roles", _prior_section),
         draft.section("data", "Data and model", _data),
-        draft.section("reproduce", "Reproduce this", _reproduce),
+        draft.section("reproduce", "Reproduce this", lambda result: (repeated("run STUDY", result.record),)),
     )
     return VerdictPage(
         title=study.title or "One soil, several groups of rows",
@@ -240,17 +240,6 @@ def _data(result: PooledResult) -> Blocks:
         for x, density in zip(joint.values_of_groups(typical), joint.groups.values(), strict=True):
             blocks += slip_note(density, x)
     return tuple(blocks)
-
-
-def _reproduce(result: PooledResult) -> Blocks:
-    record = result.record
-    facts = (
-        ("command", Markup("<code>bayesterra run STUDY --seed {}</code>").format(record["seed"])),
-        ("made", record["made"]),
-        *origin_rows(record, "study"),
-    )
-    table = Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
-    return (table,)
 
 
 WIDTH, ROW = 4.4, 0.34

@@ -12,7 +12,7 @@ from typing import Any, Generic, Protocol, TypeVar
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bayesterra.report.blocks import Block, Blocks, Cell, Overview, Text
+from bayesterra.report.blocks import Block, Blocks, Cell, Overview, Table, Text
 from bayesterra.report.symbols import angles, in_symbols, listed, symbol, symbols
 from bayesterra.report.verdicts import REPORT, Failures, Verdict, failed, sentences, unknown_verdict, with_failures
 
@@ -145,6 +145,13 @@ def origin_rows(record: Mapping[str, Any], *fingerprints: str) -> tuple[tuple[Ce
             for what in fingerprints
         ),
     )
+
+
+def repeated(command: str, record: Mapping[str, Any]) -> Table:
+    """A table of what makes a result again."""
+    again = Markup("<code>bayesterra {} --seed {}</code>").format(command, record["seed"])
+    facts = (("command", again), ("made", record["made"]), *origin_rows(record, "study"))
+    return Table("The same study, seed and versions give the same draws.", "ll", ("", ""), facts)
 
 
 def in_a_line(settings: Mapping[str, Any]) -> str:
