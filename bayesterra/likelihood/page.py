@@ -11,7 +11,7 @@ from markupsafe import Markup
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.parameters import CHANNELS, PARAMETERS, in_order
-from bayesterra.report.blocks import Blocks, Cell, Table, Text
+from bayesterra.report.blocks import Blocks, Cell, Overview, Table, Text
 from bayesterra.report.numbers import NOTHING, column, given, share
 from bayesterra.report.sections import Prose
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
@@ -31,7 +31,7 @@ def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
     return (Text(Markup("Note: {}.").format(doubts), "bad"),) if doubts else ()
 
 
-def described(study: Study) -> Blocks:
+def described(study: Study) -> Overview:
     """Rows, wheels and model."""
     return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study))
 

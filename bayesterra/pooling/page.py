@@ -23,7 +23,6 @@ from bayesterra.report.sections import Draft, Prose, VerdictPage, repeated
 from bayesterra.report.symbols import listed, symbol, symbols, unit
 from bayesterra.report.terminal import failure_lines
 from bayesterra.report.verdicts import Verdict
-from bayesterra.study.groups import Pooling
 from bayesterra.study.page import crosscheck, crosscheck_line, unconverged
 from bayesterra.study.study import Study
 

@@ -32,19 +32,19 @@ def compiled(function: Callable[P, R]) -> Callable[P, R]:
 
 def called(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` for what is compiled, by which alone it is called."""
-    return cast(Callable[P, R], _once_for_all_values(_part(function, False)))
+    return _part(function, False)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
     """Compile `function` into its callers, so that loops around it can be vectorised; else as `called`."""
-    return cast(Callable[P, R], _once_for_all_values(_part(function, True)))
+    return _part(function, True)
 
 
-def _part(function: Any, inline: bool) -> Any:
+def _part(function: Callable[P, R], inline: bool) -> Callable[P, R]:
     """Dispatcher of a function that Python does not call: it has no wrapper."""
     dispatcher: Any = numba.njit(pipeline_class=_Called, forceinline=inline, **_OPTIONS)(function)
     dispatcher.add_overload = lambda made: dispatcher.overloads.update({tuple(made.signature.args): made})
-    return dispatcher
+    return cast(Callable[P, R], _once_for_all_values(dispatcher))
 
 
 class _Alone(compiler.Compiler):

@@ -14,7 +14,7 @@ from bayesterra.checking import predictive_checks, validation
 from bayesterra.errors import ResultError
 from bayesterra.report.terminal import show
 from bayesterra.report.verdicts import PARTS, Failures, failed, failures_of
-from bayesterra.sampling import summary
+from bayesterra.sampling import evidence, summary
 from bayesterra.stats.mixture import pareto_smoothed
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
@@ -26,7 +26,7 @@ HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 BROKEN = {
     "fits": (inference, "fit_all"),
     "mode": (inference, "find_mode"),
-    "evidence": (inference.evidences, "ensembles_evidence"),
+    "evidence": (evidence, "ensembles_evidence"),
     "curves": (inference, "predict_curves"),
     "standings": (inference, "locate"),
     "identifiability": (inference, "identifiability"),

@@ -149,8 +149,8 @@ def test_a_run_counts_its_draws_for_what_they_are_worth(
         return three(draws(1), draws(2), draws(3))
 
     monkeypatch.setattr(inference, "sample", noted)
-    monkeypatch.setattr(inference.evidences, "check_installed", lambda: None)
-    monkeypatch.setattr(inference.evidences, "against_nested", judged)
+    monkeypatch.setattr(nested, "check_installed", lambda: None)
+    monkeypatch.setattr(nested, "against_nested", judged)
     options = SamplingOptions(target_ess=400, walkers=32)
     result = run(make_study(free=("c", "phi"), sampling=options), crosscheck=True)
     kept = result.draws["posterior"]["phi"]
