@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from itertools import count
@@ -175,8 +175,7 @@ class Prose:
 
     def __call__(self, name: str, *values: object) -> Markup:
         """The macro of this name, with its arguments."""
-        macro = getattr(_environment().get_template(self._file).module, name)
-        return Markup(_BLANKS.sub(" ", macro(*values)).strip(" "))  # noqa: S704 (escaped by the template)
+        return Markup(_BLANKS.sub(" ", self._named(name)(*values)).strip(" "))  # noqa: S704 (escaped by the template)
 
     def plain(self, name: str, *values: object) -> str:
         """The same for a record or a terminal, where nothing is HTML."""
@@ -184,8 +183,16 @@ class Prose:
 
     def rows(self, name: str) -> tuple[tuple[Cell, ...], ...]:
         """Rows of a table that the template sets under this name."""
-        rows: list[tuple[Cell, ...]] = getattr(_environment().get_template(self._file).module, name)
-        return tuple(rows)
+        return tuple(self._named(name))
+
+    def table(self, name: str, rows: Iterable[Sequence[Cell]], *values: object, more: Sequence[Cell] = ()) -> Table:
+        """A table with the caption of this name and its columns, each a side and a head; ``more``: heads of numbers."""
+        columns = [Markup(column) for column in self._named(f"{name}_columns")]  # noqa: S704 (of the template)
+        align = "".join(column[0] for column in columns) + "r" * len(more)
+        return Table(self(name, *values), align, (*(column[2:] for column in columns), *more), tuple(map(tuple, rows)))
+
+    def _named(self, name: str) -> Any:
+        return getattr(_environment().get_template(self._file).module, name)
 
 
 _BLANKS = re.compile("[ \n]+")

@@ -1,6 +1,7 @@
 """Words of the pages: every sentence that a page asks for stands in its template, with the arguments that it gets."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -21,11 +22,15 @@ def calls(page: str) -> list[tuple[str, int, bool]]:
     asked = []
     for path in PACKAGE.rglob("*.py"):
         source = path.read_text(encoding="utf-8")
+        lender = re.search(r"^from ([\w.]+) import .*\bsay\b", source, re.MULTILINE)
+        if lender:
+            source = Path(PACKAGE.parent, *lender[1].split(".")).with_suffix(".py").read_text(encoding="utf-8")
         if f'say = Prose("{page}")' not in source:
             continue
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "say":
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("say", "say.plain", "say.table"):
                 name, *values = node.args
+                values = values[1:] if ast.unparse(node.func) == "say.table" else values  # without its rows
                 assert isinstance(name, ast.Constant), path
                 starred = any(isinstance(value, ast.Starred) for value in values)
                 asked.append((str(name.value), len(values) - starred, starred))
