@@ -61,15 +61,13 @@ def _starts(result: Result) -> tuple[Table, ...]:
         own = " (this study's start)" if row["own"] else ""
         ends = (plain(row[solver], 4) for solver in SOLVERS)
         rows.append((symbol(name), unit(name) or NOTHING, plain(row["start"]) + own, *ends, interval(low, high)))
-    header = ("", "unit", "start", "converged", "lsqcurvefit", "posterior, 90 % HDI")
-    return (Table(say("starts", table["method"].iloc[0]), "llrrrr", header, tuple(rows)),)
+    return (say.table("starts", rows, table["method"].iloc[0]),)
 
 
 def _values(result: Result) -> Table:
     points = estimates(result)
     rows = [_value_row(result, name, points) for name in PARAMETERS if any(name in v for v in points.values())]
-    header = ("", "unit", "median", "mode", "90 % HDI", *(MARKS[name].label for name in points))
-    return Table(say("values"), "llrrr" + "r" * len(points), header, tuple(rows))
+    return say.table("values", rows, more=(MARKS[name].label for name in points))
 
 
 def _value_row(result: Result, name: str, points: Mapping[str, Mapping[str, float]]) -> tuple[Cell, ...]:
@@ -116,8 +114,7 @@ def _standing(result: Result) -> Table:
             own = ["yes" if fit["converged"] else "no", str(fit["passes"]), *misfits]
         rows.append((MARKS[name].label if name in MARKS else "posterior mode", level, word, *own))
     heads = (Markup("error of {} [%]").format(symbol(name)) for name in channels)
-    header = ("estimate", "denser draws", "standing", "converged", "passes", *heads)
-    return Table(say("standing"), "lrllr" + "r" * len(channels), header, tuple(rows))
+    return say.table("standing", rows, more=heads)
 
 
 def _standing_word(standing: Mapping[str, Any]) -> Markup:
@@ -139,7 +136,7 @@ def _widths(result: Result) -> Table:
         for name, row in summary_rows(result).items()
         if name in result.names
     )
-    return Table(say("widths"), "lrr", ("", "sd ratio", "shift of the mean"), rows)
+    return say.table("widths", rows)
 
 
 def _other_noise(result: Result) -> Blocks:
@@ -171,10 +168,7 @@ def reproduce_section(result: Result) -> Blocks:
         *origin_rows(record, "study", "data"),
         ("seconds", in_a_line({name: plain(value) for name, value in record["seconds"].items()})),
     )
-    return (
-        Table(say("reproduce"), "ll", ("", ""), facts),
-        Table(say("checklist"), "ll", ("guideline", "section"), say.rows("checklist_rows")),
-    )
+    return (say.table("reproduce", facts), say.table("checklist", say.rows("checklist_rows")))
 
 
 def signing_section(result: Result) -> Blocks:
@@ -263,9 +257,8 @@ def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:
                 Markup("{} ± {}").format(number(bits, 2, least=0.0), number(error, 2)),
             )
         )
-    caption = say("parameters", listed(list(dict.fromkeys(result.study.prior.laws[name].source for name in rows))))
-    header = ("", "unit", "before", "90 % HDI", "after", "90 % HDI", "sd ratio", "gain [bit]")
-    return Table(caption, "llrrrrrr", header, tuple(body))
+    sources = dict.fromkeys(result.study.prior.laws[name].source for name in rows)
+    return say.table("parameters", body, listed(list(sources)))
 
 
 def _correlations(result: Result, names: list[str]) -> Blocks:
@@ -279,4 +272,4 @@ def _correlations(result: Result, names: list[str]) -> Blocks:
         return ()
     pairs.sort(key=lambda pair: -abs(pair[2] - pair[1]))
     rows = tuple((pair, number(before, 2), number(after, 2)) for pair, before, after in pairs)
-    return (Table(say("correlations", NOTABLE), "lrr", ("", "before", "after"), rows),)
+    return (say.table("correlations", rows, NOTABLE),)

@@ -321,8 +321,7 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
 def judged_section(comparison: Comparison) -> Blocks:
     """Evidence, cross-validation, fit and sampling of every result."""
     rows = [_judged(comparison, row) for row in comparison.evidences.to_dict("records")]
-    header = ("", "log evidence", "difference", "in words", "converged", "R-hat", "ESS", "model fit")
-    table = Table(say("judged", comparison.names[0]), "lrrlcrrl", header, tuple(rows))
+    table = say.table("judged", rows, comparison.names[0])
     return (table, *_left_out(comparison))
 
 
@@ -359,7 +358,7 @@ def _left_out(comparison: Comparison) -> tuple[Table, ...]:
         name, elpd = str(row["result"]), " ± ".join(with_error(float(row["elpd"]), float(row["elpd_se"])))
         change = _difference(comparison, name, row["elpd_difference"], row["elpd_difference_se"])
         rows.append((coloured(comparison, name, name), elpd, change, str(row["elpd_word"])))
-    return (Table(say("left_out", INDISTINCT), "lrrl", ("", "elpd", "difference", "in words"), tuple(rows)),)
+    return (say.table("left_out", rows, INDISTINCT),)
 
 
 def _difference(comparison: Comparison, name: str, value: float, error: float) -> str:

@@ -229,8 +229,7 @@ def _checks(result: Result) -> Table:
         for check in result.record["verdict"]["checks"]
     )
     sampling, settings = result.record["sampling"], result.record["settings"]
-    caption = say("checks", settings, sampling["steps"], numbers.plain(sampling["acceptance"], 2))
-    return Table(caption, "llrrl", ("", "check", "value", "threshold", "advice"), rows)
+    return say.table("checks", rows, settings, sampling["steps"], numbers.plain(sampling["acceptance"], 2))
 
 
 def _chains(result: Result) -> Table:
@@ -240,8 +239,7 @@ def _chains(result: Result) -> Table:
         effective = (numbers.plain(value) for value in (row.ess_bulk, row.ess_tail, tau.get(name)))
         errors = (numbers.plain(error, 2) for error in (row.mcse_mean, row.mcse_median, row.mcse_sd))
         rows.append((symbol(name), f"{row.r_hat:.4f}", *effective, *errors))
-    header = ("", "R-hat", "bulk ESS", "tail ESS", "τ [steps]", "MCSE mean", "MCSE median", "MCSE sd")
-    return Table(say("chains"), "lrrrrrrr", header, tuple(rows))
+    return say.table("chains", rows)
 
 
 def posterior_section(result: Result) -> Blocks:
@@ -264,8 +262,7 @@ def _summary(result: Result) -> Table:
         prior = numbers.moments(row.prior_mean, row.prior_sd)
         what = (symbol(name), angles(quantity_of(name).description), unit(name) or numbers.NOTHING)
         rows.append((*what, *values, numbers.plain(row.sd, 2), numbers.interval(*row.hdi), *prior))
-    header = ("", "quantity", "unit", "mode", "median", "mean", "sd", "90 % HDI", "prior mean", "prior sd")
-    return Table(say("summary"), "lllrrrrrrr", header, tuple(rows))
+    return say.table("summary", rows)
 
 
 def predictive_section(result: Result) -> Blocks:

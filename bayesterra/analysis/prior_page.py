@@ -117,12 +117,11 @@ def _prior_section(result: PriorResult) -> Blocks:
          *_numbers(rows.get(name)))
         for name in PARAMETERS if name in entries
     )  # fmt: skip
-    header = ("", "parameter", "stated law", "median", "mean", "sd", "90 % HDI")
     pictures = tuple(
         drawing(prior_density(result, name), f"Prior of {PARAMETERS[name].description}") for name in result.names
     )
     return (
-        Table(say("laws"), "lllrrrr", header, body),
+        say.table("laws", body),
         *prior_sources(result.study),
         Text(support(result.record["prior_support"])),
         Gallery("tiny", pictures, say("densities")),
@@ -154,8 +153,7 @@ def _rows(result: PriorResult) -> Table:
     for row in result.predictive.to_dict("records"):
         what = (str(row["row"]), row["wheel"], f"{row['slip']:.4g}", with_unit(row["channel"]))
         body.append((*what, *estimate(row["q50"], row["q05"], row["q95"]), share(row["no_answer"])))
-    header = ("row", "wheel", symbol("slip"), "channel", "median", "90 %", "no answer")
-    return Table(say("rows"), "llrlrrr", header, tuple(body))
+    return say.table("rows", body)
 
 
 def _derived_section(result: PriorResult) -> Blocks:
@@ -164,8 +162,7 @@ def _derived_section(result: PriorResult) -> Blocks:
         (symbol(name), angles(DERIVED[name].description), unit(name) or NOTHING, *_numbers(row))
         for name, row in rows.items()
     )
-    header = ("", "quantity", "unit", "median", "mean", "sd", "90 % HDI")
-    return (Table(say("derived"), "lllrrrr", header, body),)
+    return (say.table("derived", body),)
 
 
 BINS = 40

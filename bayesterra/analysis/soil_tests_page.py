@@ -41,8 +41,7 @@ def soil_tests_sections(result: Result) -> tuple[Section, ...]:
 def _checks(result: Result) -> Blocks:
     checks = result.record["soil_tests"]["checks"]
     lines = tuple((name, probability(p)) for name, p in checks.items())
-    said = say("checks", ALARM / max(len(checks), 1), len(checks))
-    return (Table(said, "lr", ("check", "p"), lines),) if lines else ()
+    return (say.table("checks", lines, ALARM / max(len(checks), 1), len(checks)),) if lines else ()
 
 
 def _series(result: Result, test: SoilTest) -> Blocks:
@@ -71,8 +70,7 @@ def _squares(result: Result) -> Blocks:
         values = (plain(row["value"], 4), plain(row["published"], 4))
         rows.append((METHODS[method], series, symbol(row["parameter"]), unit(row["parameter"]), *values))
     notes = [f"{name}: {note}" for name, test in result.study.soil_tests.items() for note in fit(test.readings).notes]
-    header = ("method", "tests", "", "unit", "value", "published or true")
-    return (Table(say("squares"), "llllrr", header, tuple(rows)), *(Text(f"{note}.") for note in notes))
+    return (say.table("squares", rows), *(Text(f"{note}.") for note in notes))
 
 
 AXES = {

@@ -191,7 +191,7 @@ def _replications_section(calibration: Calibration) -> Blocks:
     ]
     failed = table[table["status"] == ranks.FAILED].head(5).to_dict("records")
     rows += [(f"failed: number {row['task']}", row["note"]) for row in failed]
-    return (Table(say("replications", ranks.DRAWS), "lr", ("", ""), tuple(rows)),)
+    return (say.table("replications", rows, ranks.DRAWS),)
 
 
 def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
@@ -206,7 +206,7 @@ def _reproduce_section(calibration: Calibration) -> Blocks:
         ("settings", in_a_line(record["settings"])),
         *origin_rows(record, "study", "data"),
     )
-    return (Text(say("reproduce", ranks.SIMULATIONS)), Table(say("repeat"), "ll", ("", ""), rows))
+    return (Text(say("reproduce", ranks.SIMULATIONS)), say.table("repeat", rows))
 
 
 @styled

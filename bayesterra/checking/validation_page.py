@@ -51,8 +51,8 @@ def _statistics(result: Result, checks: PredictiveChecks) -> Table:
         for name, statistic in predictive_checks.TEST_STATISTICS.items()
         if any((channel, name) in cells for channel in channels)
     )
-    caption = say("statistics", checks.replicates, PAIR, DOUBT, ALARM, estimated_noise(result.study))
-    return Table(caption, "l" + "r" * len(channels), ("", *(symbol(c) for c in channels)), rows)
+    noise, heads = estimated_noise(result.study), map(symbol, channels)
+    return say.table("statistics", rows, checks.replicates, PAIR, DOUBT, ALARM, noise, more=heads)
 
 
 def _cell(check: Check | None) -> Cell:
@@ -68,11 +68,8 @@ def prior_predictive(result: Result) -> Block:
     if checks is None:
         return Text(failed(result.record, "prior_checks", "prior_predictive"), "bad")
     judged = any(check.channel == "normal_force" for check in checks.checks)
-    caption = say(
-        "prior_predictive", checks, probability(checks.overall), CONFLICT, result.study.drive.latent_load and not judged
-    )
-    header = ("channel", "statistic", "unit", "readings", "90 % of the prior", Markup("<i>p</i>"))
-    return Table(caption, "lllrrr", header, tuple(map(_prior_row, checks.checks)))
+    rows, loads = map(_prior_row, checks.checks), result.study.drive.latent_load
+    return say.table("prior_predictive", rows, checks, probability(checks.overall), CONFLICT, loads and not judged)
 
 
 def _prior_row(check: PriorCheck) -> tuple[Cell, ...]:
@@ -101,8 +98,7 @@ def _levels(result: Result) -> tuple[Table, ...]:
          probability(count.few), plain(count.crps), plain(count.curve), unit(count.channel))
         for count in found
     )  # fmt: skip
-    header = ("left out", "", "inside 90 %", "levels", Markup("<i>p</i>"), "CRPS", "of a curve", "unit")
-    return (Table(say("levels"), "llrrrrrl", header, rows),) if rows else ()
+    return (say.table("levels", rows),) if rows else ()
 
 
 def _rows(result: Result, loo: CrossValidation) -> Table:
@@ -112,8 +108,7 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
          rounded(before - row.elpd, 0.01), f"{row.k:.2f}", "new sampling" if row.refitted else "weights")
         for row, before in zip(loo.rows, loo.full, strict=True)
     )  # fmt: skip
-    header = ("row", symbol("slip"), "elpd", "Monte Carlo error", "loss", "k̂", "left out by")
-    return Table(say("rows", pareto_limit(4000), FEW_ROWS), "lrrrrrl", header, rows)
+    return say.table("rows", rows, pareto_limit(4000), FEW_ROWS)
 
 
 def _pit(result: Result, loo: CrossValidation) -> Blocks:

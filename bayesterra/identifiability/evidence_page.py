@@ -55,8 +55,7 @@ def _verdicts(result: Result) -> Table:
         )
         for name, row in identifiability_rows(result).items()
     )
-    header = ("", "verdict", "contraction", "strongest coupling", "correlation", Markup("<i>R</i>"))
-    return Table(say("verdicts"), "llrlrr", header, rows)
+    return say.table("verdicts", rows)
 
 
 def _groups(directions: Mapping[str, Any]) -> Blocks:
@@ -70,8 +69,7 @@ def _groups(directions: Mapping[str, Any]) -> Blocks:
 
 def count_table(counts: Iterable[Mapping[str, Any]]) -> Table:
     """What is determined of each group and of all parameters, see :func:`count_row`."""
-    header = ("group", "others", "determined", "effective", "by the cut")
-    return Table(say("groups"), "llrrr", header, tuple(map(count_row, counts)))
+    return say.table("groups", tuple(map(count_row, counts)))
 
 
 def count_row(row: Mapping[str, Any]) -> tuple[Cell, ...]:
@@ -190,8 +188,7 @@ def _between(coupling: Coupling) -> Table:
         )
         for row in records(coupling.between)
     )
-    header = ("groups", "normal scores", "neighbours", "by chance", "of the prior")
-    return Table(say("between"), "lrrrr", header, rows)
+    return say.table("between", rows)
 
 
 def information_section(information: Information) -> Blocks:
@@ -209,7 +206,7 @@ def local_section(analysis: Analysis) -> Blocks:
         "sensitivities", f"{decades:.1f}" if decades < 100 else "infinitely many", CRITICAL, symbols(largest) or "none"
     )
     rows = tuple((symbol(row["parameter"]), *_spreads(row)) for row in records(analysis.spread.table))
-    table = Table(say("spreads"), "lrrrl", ("", "prior", "bound", "posterior", "unit"), rows)
+    table = say.table("spreads", rows)
     return (Text(text), table, Gallery("half", (picture,), say("spectrum")))
 
 

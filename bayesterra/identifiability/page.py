@@ -81,8 +81,7 @@ def _agreement_card(made: Identified) -> Verdict:
 def _verdict_section(made: Identified) -> Blocks:
     text = say("words", 100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
     rows = tuple(_verdict_row(row) for row in records(made.verdicts))
-    header = ("", "verdict", "contraction", "profile, 95 %", "tied to", Markup("<i>r</i>"), Markup("<i>R</i>"))
-    return (Table(say("verdict_table"), "llrllrr", header, rows), *_objections(made), Text(text), _combinations(made))
+    return (say.table("verdict_table", rows), *_objections(made), Text(text), _combinations(made))
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
@@ -119,7 +118,7 @@ def _combinations(made: Identified) -> Table:
         (row["verdict"], number(row["contraction"], 3, least=0.0), in_symbols(row["combination"]))
         for row in records(made.found.combinations)
     )
-    return Table(say("combinations"), "lrl", ("verdict", "contraction", "combination"), rows)
+    return say.table("combinations", rows)
 
 
 def _profile_section(made: Identified) -> Blocks:
@@ -136,7 +135,7 @@ def _profile_section(made: Identified) -> Blocks:
         )
         for row in records(table[table["kind"] == "likelihood"])
     )
-    moves = Table(say("compensation"), "llrl", ("", "class", "trust", "others move by"), rows)
+    moves = say.table("compensation", rows)
     return (Gallery("whole", (panels,), say("profiles")), moves)
 
 

@@ -116,12 +116,8 @@ def _sharing_section(result: PooledResult) -> Blocks:
         name, role, word = _named(row["parameter"]), str(row["role"]), str(row["verdict"])
         body.append((name, role, *against, error, word, *_as_stated(row), spread))
     by = result.record["pooling"]["by"]
-    header = (
-        "parameter", "role in this study", "against own values", "against a population", "lesser", "verdict",
-        "lesser, as stated", "verdict, as stated", "spread / prior sd",
-    )  # fmt: skip
     sentence = Text(say("sentence", *(_by_word(result, column) for column in ("verdict", "verdict_as_stated"))))
-    return (sentence, Table(say("sharing", by, STRONG, CONSTANT, OPEN), "llrrrlrlr", header, tuple(body)))
+    return (sentence, say.table("sharing", body, by, STRONG, CONSTANT, OPEN))
 
 
 def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
@@ -169,8 +165,7 @@ def _degrees_section(result: PooledResult) -> Blocks:
             _with_error(row[f"elpd_{of}"], row[f"se_{of}"], row[f"unreliable_{of}"] == 0) for of in ("rows", "groups")
         )
         body.append((WORDS[row["pooling"]], "yes" if row["converged"] else "no", evidence, *elpds))
-    header = ("pooling", "converged", "log evidence", "elpd of rows", "elpd of groups")
-    table = Table(say("degrees"), "lcrrr", header, tuple(body))
+    table = say.table("degrees", body)
     return (table, _by_group(result))
 
 
@@ -190,7 +185,7 @@ def _by_group(result: PooledResult) -> Table:
         own = some[some["label"].astype(str) == group].set_index("pooling")
         cells = [_with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"])) for d in degrees]
         body.append((group, *cells))
-    return Table(say("by_group"), "l" + "r" * len(degrees), ("group", *(WORDS[d] for d in degrees)), tuple(body))
+    return say.table("by_group", body, more=(WORDS[d] for d in degrees))
 
 
 def _summary_section(result: PooledResult) -> Blocks:

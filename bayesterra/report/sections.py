@@ -185,11 +185,12 @@ class Prose:
         """Rows of a table that the template sets under this name."""
         return tuple(self._named(name))
 
-    def table(self, name: str, rows: Iterable[Sequence[Cell]], *values: object, more: Sequence[Cell] = ()) -> Table:
+    def table(self, name: str, rows: Iterable[Sequence[Cell]], *values: object, more: Iterable[Cell] = ()) -> Table:
         """A table with the caption of this name and its columns, each a side and a head; ``more``: heads of numbers."""
         columns = [Markup(column) for column in self._named(f"{name}_columns")]  # noqa: S704 (of the template)
-        align = "".join(column[0] for column in columns) + "r" * len(more)
-        return Table(self(name, *values), align, (*(column[2:] for column in columns), *more), tuple(map(tuple, rows)))
+        header = (*(column[2:] for column in columns), *more)
+        align = "".join(column[0] for column in columns).ljust(len(header), "r")
+        return Table(self(name, *values), align, header, tuple(map(tuple, rows)))
 
     def _named(self, name: str) -> Any:
         return getattr(_environment().get_template(self._file).module, name)
