@@ -135,11 +135,11 @@ def _ranks_section(calibration: Calibration) -> Blocks:
         for name in calibration.tested
     )
     caption = say("ranks", ranks.DRAWS, f"{1 - calibration.threshold:.4f}", f"{1 - ranks.LEVEL:g}")
-    header: tuple[Cell, ...] = ("quantity", "ranks", "p", "verdict", "shift [sd]", "width")
     rows = tuple(_test_row(row) for row in calibration.tests.to_dict("records"))
     error = 1 / np.sqrt(max(calibration.ranked, 1))
-    below = say("ranks_below", p_text(calibration.threshold), f"{error:.3f}", f"{error / np.sqrt(2):.3f}")
-    return (Gallery("small", pictures, caption), Table(below, "lrrlrr", header, rows))
+    doubt, widest = f"{error:.3f}", f"{error / np.sqrt(2):.3f}"
+    below = say.table("ranks_below", rows, p_text(calibration.threshold), doubt, widest)
+    return (Gallery("small", pictures, caption), below)
 
 
 def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -153,12 +153,11 @@ def _test_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 
 def _coverage_section(calibration: Calibration) -> Blocks:
-    header: tuple[Cell, ...] = ("quantity", *(f"{100 * level:.0f} %" for level in ranks.COVERAGES))
     tests = calibration.tests[calibration.tests["verdict"] != "constant"]
     rows = tuple(_coverage_row(row) for row in tests.to_dict("records"))
     n = max(calibration.ranked, 1)
     errors = listed(f"{100 * np.sqrt(level * (1 - level) / n):.1f}" for level in ranks.COVERAGES)
-    return (Table(say("coverage", errors), "lrrrr", header, rows),)
+    return (say.table("coverage", rows, errors, more=(f"{100 * level:.0f} %" for level in ranks.COVERAGES)),)
 
 
 def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
@@ -172,11 +171,10 @@ def _coverage_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
 
 
 def _power_section(calibration: Calibration) -> Blocks:
-    free = len(calibration.parameters)
-    header = ("error of the posterior", "in one parameter", f"in all {free}, at least")
     power = calibration.power.to_dict("records")
     rows = tuple((row["error"], percent(row["one"]), percent(row["all"])) for row in power)
-    return (Table(say("power", calibration.ranked), "lrr", header, rows),)
+    joint = f"in all {len(calibration.parameters)}, at least"
+    return (say.table("power", rows, calibration.ranked, more=(joint,)),)
 
 
 def _replications_section(calibration: Calibration) -> Blocks:

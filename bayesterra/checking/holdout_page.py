@@ -115,15 +115,9 @@ def _rows_section(holdout: Holdout) -> Blocks:
 
 
 def _scores_section(holdout: Holdout) -> Blocks:
-    header: tuple[Cell, ...] = (
-        "", "rows", "", "rows, levels", "mean CRPS", "±", "in 50 % [%]", "±", "in 90 % [%]", "±",
-        "not scored",
-    )  # fmt: skip
     rows = tuple(_score_row(row) for row in holdout.summary.to_dict("records"))
     against = tuple(_skill_row(row) for row in holdout.skills.to_dict("records"))
-    head: tuple[Cell, ...] = ("against", "", "rows", "skill", "90 %", "levels won")
-    skills = Table(say("skills", holdout.model), "lllrrr", head, against)
-    return (Table(say("scores"), "lllrrrrrrrr", header, rows), skills)
+    return (say.table("scores", rows), say.table("skills", against, holdout.model))
 
 
 def _score_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:

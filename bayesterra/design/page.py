@@ -115,11 +115,10 @@ def _certainty(design: Design) -> Verdict:
 
 def _ranking_section(design: Design) -> Blocks:
     picture = drawing(gain_over_slip(design), "Expected information against slip")
-    header = ("", "drive", "read", "gain [bit]", "± ", "behind [bit]", "± ", *_heads(design))
     rows = tuple(_row(design, rank, i) for rank, i in enumerate(design.ranking.order[:SHOWN], start=1))
     now = listed(_now(design, i) for i in range(len(design.about[:FEW])))
-    below = say("ranking_below", len(design.candidates) - SHOWN, now, f"{100 * UNANSWERED:g}")
-    table = Table(below, "rll" + "r" * (len(header) - 3), header, rows)
+    more = len(design.candidates) - SHOWN
+    table = say.table("ranking_below", rows, more, now, f"{100 * UNANSWERED:g}", more=_heads(design))
     return (Gallery("whole", (picture,), say("ranking", symbols(design.about))), table)
 
 
@@ -148,8 +147,7 @@ def _plan_section(design: Design) -> Blocks:
         (str(number), candidate.where, *_gain(estimate), *_after(design, estimate))
         for number, (candidate, estimate) in enumerate(zip(design.chosen, design.together, strict=True), 1)
     )
-    header = ("", "drive", "together [bit]", "± ", *_heads(design))
-    return (Table(say("plan", design.method), "rl" + "r" * (len(header) - 2), header, rows),)
+    return (say.table("plan", rows, design.method, more=_heads(design)),)
 
 
 def _heads(design: Design) -> list[Cell]:

@@ -89,9 +89,7 @@ def _wheels(study: Study) -> Table:
         )
         for name, wheel in study.wheels.items()
     )
-    header = ("wheel", "radius [mm]", "width [mm]", "lug height [mm]", "lugs", Markup("<i>λ</i><sub>s</sub>"),
-              Markup("<i>r</i><sub>s</sub> [mm]"))  # fmt: skip
-    return Table("Wheels.", "lrrrrrr", header, rows)
+    return say.table("wheels", rows)
 
 
 def _model(study: Study) -> Markup:

@@ -190,10 +190,7 @@ def _by_group(result: PooledResult) -> Table:
 
 def _summary_section(result: PooledResult) -> Blocks:
     body = tuple(_row(row) for row in result.summary.to_dict("records"))
-    header = (
-        "", "unit", "densest", "median", "90 % HDI", "mean", "sd", "effective", "R-hat", "prior mean", "sd",
-    )  # fmt: skip
-    return (Table(say("summary"), "ll" + "r" * 9, header, body), *crosscheck(result.record))
+    return (say.table("summary", body), *crosscheck(result.record))
 
 
 def _row(row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
