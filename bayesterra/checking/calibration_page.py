@@ -70,25 +70,14 @@ def _warning(calibration: Calibration) -> Markup:
 
 def tendency(row: Mapping[Any, Any]) -> Markup:
     """In words, what error the ranks of a quantity look like."""
-    error = 1.0 / np.sqrt(row["ranks"])
-    faults = []
-    if abs(row["width"] - 1) > 2 * error:
-        word = "wide" if row["width"] > 1 else "narrow"
-        faults.append(f"too {word} (width {row['width']:.2f} of the right one)")
-    if abs(row["shift"]) > 2 * error:
-        word = "high" if row["shift"] > 0 else "low"
-        faults.append(f"too {word} by {abs(row['shift']):.2f} sd")
-    return Markup("{} {}").format(named(row["quantity"]), " and ".join(faults) or "of another shape")
+    doubt = 2.0 / np.sqrt(row["ranks"])
+    return say("tendency", named(row["quantity"]), row, abs(row["width"] - 1) > doubt, abs(row["shift"]) > doubt)
 
 
 def _posterior(calibration: Calibration) -> Verdict:
     tested, failing = len(calibration.tested), calibration.failing
-    smallest = calibration.tests["p_value"].min() if tested else float("nan")
-    figures_ = Markup("smallest p {}, threshold {}: {} % for all together").format(
-        p_text(smallest), p_text(calibration.threshold), f"{100 * ranks.LEVEL:g}"
-    )
-    which = f"{len(failing)} of {tested} quantities are not" if failing else f"all {tested} quantities are"
-    sentence = Markup("Ranks of {} uniform ({}).").format(which, figures_)
+    smallest = p_text(calibration.tests["p_value"].min() if tested else float("nan"))
+    sentence = say("posterior", len(failing), tested, smallest, p_text(calibration.threshold), ranks.LEVEL)
     grade = {ranks.CALIBRATED: "good", ranks.MISCALIBRATED: "bad"}.get(calibration.verdict, "doubtful")
     return Verdict("Posterior", calibration.verdict, grade, sentence)
 

@@ -70,16 +70,11 @@ def _skill(holdout: Holdout) -> Verdict:
     if table.empty:
         return Verdict("Skill", "unknown", "bad", Markup("No refit could be scored."))
     rows = table[(table["part"] == "all") & (table["baseline"] != "mean")]
-    gains = [
-        Markup("{}: {} against {} ({})").format(
-            symbol(row["channel"]), percent(row["skill"]), row["baseline"], _between(row)
-        )
-        for row in rows.to_dict("records")
-    ]
+    gains = [say("gain", row, percent(row["skill"]), _between(row)) for row in rows.to_dict("records")]
     better, worse = (rows["skill_lo"] > 0).all(), (rows["skill_hi"] < 0).any()
     word, grade = ("better than regression", "good") if better else ("not clearly better", "doubtful")
     word, grade = ("worse than regression", "bad") if worse else (word, grade)
-    return Verdict("Skill", word, grade, Markup("Share of the CRPS saved: {}.").format(listed(gains)))
+    return Verdict("Skill", word, grade, say("skill", gains))
 
 
 def _between(row: Mapping[Any, Any]) -> str:
