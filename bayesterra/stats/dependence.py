@@ -47,7 +47,7 @@ class Dependence(Protocol):
 
 
 @dataclass(frozen=True)
-class GaussianCopula(Dependence):
+class GaussianCopula:
     """Scores that are jointly normal with a ``correlation`` (d, d)."""
 
     correlation: FloatArray
