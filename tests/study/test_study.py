@@ -9,10 +9,11 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayesterra.analysis.terminal import print_overview
+from bayesterra.analysis.terminal import study_overview
 from bayesterra.errors import StudyError
 from bayesterra.models import M1, M2, MODELS, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
+from bayesterra.report.terminal import show
 from bayesterra.stats.laws import Law
 from bayesterra.study.canonical import write_study
 from bayesterra.study.entries import prior_set
@@ -69,7 +70,7 @@ def test_texts_on_what_was_driven_go_wherever_the_study_goes(
     """Soil and day are printed with the data, and written out so that reading gives them back."""
     study = load_study(write(("[data]", 'soil = "LSS1"\ndate = 2011-03-04\n\n[data]')))
     assert study.described == {"soil": "LSS1", "date": "2011-03-04"}
-    print_overview(study)
+    show(study_overview(study))
     assert "LSS1 · 2011-03-04" in capsys.readouterr().out
     (tmp_path / "again").mkdir()
     write_study(study, tmp_path / "again")
