@@ -279,7 +279,7 @@ def compare(
     wheel: Annotated[str | None, option("NAME|FILE", "Wheel that all drive; else each its own.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Set results side by side: two models, two priors, two drives."""
+    """Set results side by side: two models, two priors, two tables."""
     from bayesterra.analysis.comparison import compare_folders
 
     show(compare_folders(results, out, load=load, wheel=wheel, overwrite=overwrite), out)

@@ -1,4 +1,4 @@
-"""Comparison of results side by side: two models, two priors, two drives."""
+"""Comparison of results side by side: two models, two priors, two tables."""
 
 from __future__ import annotations
 
