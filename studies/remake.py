@@ -28,6 +28,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "rover": SCRIPT,
     "soil-tests": SCRIPT,
     "soil-tests/plates-then-wheel": SCRIPT,
+    "soil-tests/together": SCRIPT,
     "recovery": SCRIPT,
     "recovery/drives": SCRIPT,
     "identifiability": SCRIPT,

@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.random import SeedSequence, default_rng
 
 import bayesterra as bt
+from bayesterra.likelihood.posterior import INSIDE
 from bayesterra.parameters import PARAMETERS
 from bayesterra.sampling.adaptation import OF_SOIL_TESTS
 from bayesterra.sampling.evidence import ensembles_evidence
@@ -98,6 +99,22 @@ def sampled(case: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     return pd.DataFrame(rows), pd.DataFrame([run])
 
 
+def log_shares() -> pd.DataFrame:
+    """Log share of the wheel's prior that its physical cut leaves, with moduli and exponent as the plates have them."""
+    plates = bt.posterior(CASES["plates"]())
+    samples = sample(plates, bt.load_study(FILES["cmu-grouser"]).sampling, SeedSequence(1), adaptation=OF_SOIL_TESTS)
+    draws, rows = thin(samples.chains).spaced(8000), []
+    for case in ("cmu-grouser", "cmu-grouser-wide"):
+        target = bt.posterior(CASES[case]())
+        x = target.prior.sample(len(draws), default_rng(3))
+        for column, name in enumerate(plates.names):
+            there = "n0" if name == "n" else name.replace(".plate", ".plates")
+            x[:, target.names.index(there)] = draws[:, column]
+        inside = target.reasons(x) == INSIDE
+        rows.append({"case": case, "log_share": np.log(inside.mean()), "error": (~inside).mean() / inside.sum() ** 0.5})
+    return pd.DataFrame(rows)
+
+
 def main() -> None:
     """Sample the cases; rows of others stay."""
     for case in sys.argv[1:] or CASES:
@@ -106,6 +123,8 @@ def main() -> None:
             kept = [pd.read_csv(path).query("case != @case")] if path.is_file() else []
             pd.concat([*kept, made], ignore_index=True).to_csv(path, index=False, float_format="%.6g")
         print(case, "done", flush=True)
+    if not sys.argv[1:]:
+        log_shares().to_csv(HERE / "shares.csv", index=False, float_format="%.4g")
 
 
 if __name__ == "__main__":
