@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bayesterra import parameters
 from bayesterra.__main__ import main
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.page import prior_sources
@@ -99,7 +100,7 @@ def test_a_source_must_be_text(write: Write) -> None:
 
 def test_what_is_held_needs_no_unit_in_a_set(monkeypatch: pytest.MonkeyPatch) -> None:
     """A parameter with a dimension may be held by default, in SI, beside any named set."""
-    monkeypatch.setattr(entries, "HELD", {"c3": 0.0, "K": 0.012})
+    monkeypatch.setattr(parameters, "HELD", {"c3": 0.0, "K": 0.012})
     for name in entries.stated_sets():
         held = entries.prior_set.__wrapped__(name)
         assert (held["c3"], held["K"]) == (0.0, 0.012)
