@@ -79,6 +79,7 @@ def test_two_stresses_separate_cohesion_from_friction_and_one_does_not(analysed:
     assert any("all tests the normal stress 15 kPa" in unseen for unseen in one.record["directions"]["unseen"])
 
 
+@pytest.mark.slow
 def test_a_wheel_with_plates_and_a_ring_is_one_posterior(analysed: Analysed, tmp_path: Path) -> None:
     """Truth inside, all verdicts, one page with a section for the tests, and a folder that gives it back."""
     result = analysed("both")

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations, product
 from pathlib import Path
 
@@ -43,6 +44,7 @@ FACTORS: Mapping[str, Sequence[str]] = {
 Kind = Mapping[str, str]
 
 
+@cache
 def kinds() -> list[Kind]:
     """Kinds of study in which every pair of levels of two factors occurs."""
     left = [((a, x), (b, y)) for a, b in combinations(FACTORS, 2) for x in FACTORS[a] for y in FACTORS[b]]
