@@ -129,8 +129,12 @@ def wh32(shared: Shared, tmp_path: Path) -> Path:
     return shared.folder_of("documentation", fill, tmp_path / "work")
 
 
+WHOLE = [page for page in SLOW if page.stem == "first-study" or "BAYESTERRA_PAGES" in os.environ]
+"""Slow pages that are run: the first of them always, all others, a quarter of an hour, where the variable is set."""
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("page", SLOW, ids=page_name)
+@pytest.mark.parametrize("page", WHOLE, ids=page_name)
 def test_slow_code_of_a_page_runs(page: Path, monkeypatch: pytest.MonkeyPatch, wh32: Path) -> None:
     """The whole page, where its commands take a while; the result of the README's first command is there."""
     monkeypatch.chdir(wh32)

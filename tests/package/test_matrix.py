@@ -5,13 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.support.matrix import COMMANDS, FACTORS, Kind, cells, kinds, quick, title
+from tests.support.matrix import COMMANDS, FACTORS, Cell, Kind, cells, kinds, quick, title
+from tests.support.vocabulary import says_one_thing
 
 PERMITTED = {"follow": ("knows no sweeps, along which",)}
 """What a command may be refused with."""
 
 
-def judged(kind: Kind, folder: Path, commands: tuple[str, ...]) -> None:
+def judged(kind: Kind, folder: Path, commands: tuple[str, ...]) -> dict[str, Cell]:
     """Assert that commands work on a kind of study, or are refused as they may be."""
     with quick():
         found = dict(cells(kind, folder, commands))
@@ -22,6 +23,7 @@ def judged(kind: Kind, folder: Path, commands: tuple[str, ...]) -> None:
         if cell.word == "refused":
             permitted = any(re.search(reason, cell.said) for reason in PERMITTED.get(command, ()))
             assert permitted, f"{title(kind)} | {command}: {cell.said}"
+    return found
 
 
 def test_every_pair_of_levels_is_there() -> None:
@@ -42,5 +44,7 @@ def test_kinds_of_study_are_read_and_simulated(kind: Kind, tmp_path: Path) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", kinds(), ids=title)
 def test_every_command_on_every_kind_of_study(kind: Kind, tmp_path: Path) -> None:
-    """None ends in a traceback."""
-    judged(kind, tmp_path, tuple(COMMANDS))
+    """None ends in a traceback; card, sentence, tables, files and terminal of a run say one thing."""
+    found = judged(kind, tmp_path, tuple(COMMANDS))
+    assert found["run"].word == "works"
+    says_one_thing(kind, tmp_path / "result", found["run"].printed)

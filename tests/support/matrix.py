@@ -199,10 +199,11 @@ LITTLE = AdaptationOptions(particles=128, sweeps=1, components=4, refinements=(2
 
 @dataclass(frozen=True)
 class Cell:
-    """How a command ended on a kind of study: ``works``, ``refused`` or ``traceback``, and its last line."""
+    """How a command ended on a kind of study: ``works``, ``refused`` or ``traceback``, its last line, and all of it."""
 
     word: str
     said: str = ""
+    printed: str = ""
 
 
 def cells(kind: Kind, folder: Path, commands: Sequence[str] = tuple(COMMANDS)) -> Iterator[tuple[str, Cell]]:
@@ -234,7 +235,7 @@ def ended(words: Sequence[str]) -> Cell:
     said = " ".join(error.getvalue().split()) or " ".join(out.getvalue().split())[-300:]
     if "Traceback" in said:
         return Cell("traceback", said)
-    return Cell("works" if code in (0, 3) else "refused", said)
+    return Cell("works" if code in (0, 3) else "refused", said, out.getvalue() + error.getvalue())
 
 
 @contextmanager

@@ -1,23 +1,16 @@
 """One vocabulary: cards, sentence, tables, CSV files, record and terminal of a result say one thing."""
 
-import io
 import re
-from contextlib import redirect_stderr, redirect_stdout
 from html import unescape
 from pathlib import Path
 
 import pandas as pd
-import pytest
 
-from bayesterra.__main__ import main
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.numbers import interval, resolution, rounded
 from bayesterra.report.verdicts import SIGNS
 from bayesterra.runtime.reading import read_json
-from tests.support.matrix import Kind, kinds, quick, title, write
-
-LONE = [kind for kind in kinds() if kind["groups"] == "none"]
-TEN = [*LONE, *(kind for kind in kinds() if kind["groups"] != "none")][:10]
+from tests.support.matrix import Kind
 
 
 def _plain(html: str) -> str:
@@ -34,19 +27,10 @@ def _rows(html: str, caption: str) -> list[list[str]]:
     ]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", TEN, ids=title)
-def test_every_place_says_one_thing(kind: Kind, tmp_path: Path) -> None:
-    """Verdicts, sentence, counts and words of the parameters, of ten kinds of result."""
-    write(kind, tmp_path / "study")
-    printed = io.StringIO()
-    with quick(), redirect_stdout(printed), redirect_stderr(printed):
-        main(["run", str(tmp_path / "study"), "--out", str(tmp_path / "out"), "--quiet"])
-    html, record = (
-        (tmp_path / "out" / "report.html").read_text(encoding="utf-8"),
-        read_json(tmp_path / "out" / "run.json"),
-    )
-    shown, told = _plain(html), " ".join(printed.getvalue().split())
+def says_one_thing(kind: Kind, out: Path, printed: str) -> None:
+    """Verdicts, sentence, counts and words of the parameters of a run, in its folder and as it ``printed`` them."""
+    html, record = (out / "report.html").read_text(encoding="utf-8"), read_json(out / "run.json")
+    shown, told = _plain(html), " ".join(printed.split())
     assert record["sentence"] in told
     assert record["sentence"] in shown
     for verdict in record.get("verdicts", ()):
@@ -57,7 +41,7 @@ def test_every_place_says_one_thing(kind: Kind, tmp_path: Path) -> None:
         assert [verdict["name"] for verdict in record["verdicts"]] == ["Sampling", "Fit", "Prediction"]
         return
     assert [verdict["name"] for verdict in record["verdicts"]] == ["Sampling", "Fit", "Prediction", "Soil"]
-    table = pd.read_csv(tmp_path / "out" / "identifiability.csv")
+    table = pd.read_csv(out / "identifiability.csv")
     alone = int((table["verdict"] == "determined").sum())
     soil = record["verdicts"][3]
     assert soil["word"] == f"{alone} of {len(table)} determined"
@@ -67,7 +51,7 @@ def test_every_place_says_one_thing(kind: Kind, tmp_path: Path) -> None:
     for said, known in zip(strip, table.to_dict("records"), strict=True):
         assert known["verdict"].replace("determined", "") in _plain(said)
         assert f" {PARAMETERS[known['parameter']].symbol} " in f" {told} "
-    summary = pd.read_csv(tmp_path / "out" / "summary.csv").set_index("parameter")
+    summary = pd.read_csv(out / "summary.csv").set_index("parameter")
     posterior = _rows(html, "Posterior of parameters and derived quantities")
     assert len(posterior) == len(summary)
     for cells, (name, row) in zip(posterior, summary.iterrows(), strict=True):
