@@ -111,7 +111,7 @@ def _study(kind: Kind) -> str:
         "population": '[pooling]\nby = "wheel"\nshared = ["phi"]\nhierarchical = { K = {} }\n',
         "separate": '[pooling]\nby = "wheel"\nshared = ["phi"]\nseparate = ["K"]\n',
     }[kind["groups"]]
-    sampling = "[sampling]\ntarget_ess = 100\nwalkers = 32\nmax_steps = 60\n"
+    sampling = "[sampling]\ntarget_ess = 100\nwalkers = 32\nmax_steps = 10\n"
     parts = [head, data, _wheels(), options, _noise(kind), _errors(kind), priors, groups, sampling]
     return "\n".join(part for part in parts if part)
 
@@ -244,12 +244,12 @@ def quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sampler, "AdaptationOptions", lambda: LITTLE)
         joint_plan = joint.PoolingOptions
-        plan = joint_plan((5, 10), LITTLE)
+        plan = joint_plan((2, 4), LITTLE)
         patch.setattr(joint, "PoolingOptions", lambda *of: joint_plan(*of) if of else plan)
         little = {"WALKERS": 32, "WARM_UPS": (2, 4), "SWEEPS": (8,), "OUTER": 256, "INNER": 16}
         for name, value in little.items():
             patch.setattr(degrees, name, value)
-        patch.setattr(joint, "ROUND_SWEEPS", 60)
+        patch.setattr(joint, "ROUND_SWEEPS", 10)
         patch.setattr(calibration, "FEWEST", 2)
         patch.setattr(short_runs, "enough", lambda _: True)
         patch.setattr(predictive_checks, "ReplicateOptions", lambda: FEW_REPLICATES)
@@ -262,10 +262,10 @@ def quick() -> Iterator[None]:
 
 def _little_runs(study: Study) -> short_runs.ShortRuns:
     """Short runs of next to nothing."""
-    short = SamplingOptions(target_ess=100, walkers=32, max_steps=40)
+    short = SamplingOptions(target_ess=100, walkers=32, max_steps=10)
     if study.pooling is None:
         return short_runs.ShortRuns(short=short, adaptation=LITTLE)
-    return short_runs.ShortGroupRuns(short=short, adaptation=LITTLE, warm_ups=(5, 10))
+    return short_runs.ShortGroupRuns(short=short, adaptation=LITTLE, warm_ups=(2, 4))
 
 
 def table(folder: Path) -> None:
