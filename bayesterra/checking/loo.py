@@ -11,7 +11,7 @@ import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -184,7 +184,8 @@ def without_levels(
 ) -> dict[Level, Without]:
     """The posterior without each level of rows; the rows are independent given the parameters.
 
-    Parameters as for :func:`cross_validate`. With more than ``MANY`` parameters weights alone lead there.
+    Parameters as for :func:`cross_validate`. With more than ``MANY`` parameters weights alone lead there; a posterior
+    far from these draws is not looked for.
     """
     x = spaced(draws, DRAWS)
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
@@ -192,7 +193,8 @@ def without_levels(
     whole = near.mixture(default_rng(own))
     limit = EVEN if x.shape[1] <= MANY else np.inf
     cases = [_Case(near, whole, x, log_rows, level, None) for level in levels]
-    return dict(zip(levels, (case.drawn() for case in _results(cases, [limit] * len(cases), streams)), strict=True))
+    results = _results(cases, [limit] * len(cases), streams, far=False)
+    return dict(zip(levels, (case.drawn() for case in results), strict=True))
 
 
 @dataclass(frozen=True)
@@ -272,8 +274,8 @@ class _Case:
         elpd, error = result.estimate()
         return LeftOut(row, elpd, error, self.weighted.k, result is not self.weighted)
 
-    def result(self, limit: float, seed: SeedSequence) -> _Weighted:
-        """The posterior without the rows; sampled afresh where k̂ is above the limit."""
+    def result(self, limit: float, seed: SeedSequence, *, far: bool = True) -> _Weighted:
+        """The posterior without the rows; sampled afresh where k̂ is above the limit, ``far`` from these draws too."""
         if self.weighted.k <= limit:
             return self.weighted
         rng = default_rng(seed)
@@ -284,6 +286,8 @@ class _Case:
             refitted = self._drawn(without, n, rng)
             if refitted.reliable:
                 return refitted
+        if not far:
+            return refitted
         # without these rows the posterior is quite another one
         return self._drawn(self.near.from_prior(self._densities, rng), FINAL_DRAWS[-1], rng)
 
@@ -316,9 +320,11 @@ class _Case:
         return _Weighted.of(x, log_weights, row)
 
 
-def _results(cases: Sequence[_Case], limits: Sequence[float], streams: Sequence[SeedSequence]) -> list[_Weighted]:
+def _results(
+    cases: Sequence[_Case], limits: Sequence[float], streams: Sequence[SeedSequence], *, far: bool = True
+) -> list[_Weighted]:
     with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        return list(pool.map(_Case.result, cases, limits, streams))
+        return list(pool.map(partial(_Case.result, far=far), cases, limits, streams))
 
 
 def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weighted]) -> Pits:

@@ -129,7 +129,7 @@ def wh32(shared: Shared, tmp_path: Path) -> Path:
     return shared.folder_of("documentation", fill, tmp_path / "work")
 
 
-WHOLE = [page for page in SLOW if page.stem == "first-study" or "BAYESTERRA_PAGES" in os.environ]
+WHOLE = [page for page in SLOW if page.stem == "first-study" or "BAYESTERRA_ALL" in os.environ]
 """Slow pages that are run: the first of them always, all others, a quarter of an hour, where the variable is set."""
 
 
