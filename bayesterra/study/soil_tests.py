@@ -228,6 +228,10 @@ class Readings:
         )
 
 
+HIGHEST_STRESS = 1e12
+"""Stress, Pa, that no soil reaches: a slip of the pen."""
+
+
 def readings(table: pd.DataFrame, kind: str, options: SoilTestTable) -> tuple[Readings, tuple[str, ...]]:
     """Check a table of readings, units in the headers, convert it to SI and leave out what the options say.
 
@@ -237,10 +241,12 @@ def readings(table: pd.DataFrame, kind: str, options: SoilTestTable) -> tuple[Re
     tests = labels(columns["test"])
     path, given = required(columns, PATHS[kind].name), _within(columns, GIVEN[kind])
     level = 0.5 * given if kind == "plate" else given
-    if "force" in columns:
-        stress = required(columns, "force") / (np.pi * level**2)
-    else:
-        stress = required(columns, STRESSES[kind].name)
+    read = "force" if "force" in columns else STRESSES[kind].name
+    with np.errstate(over="ignore"):
+        stress = required(columns, read) / (np.pi * level**2 if read == "force" else 1.0)
+    if (wrong := np.abs(stress) > HIGHEST_STRESS).any():
+        row = int(np.argmax(wrong))
+        raise StudyError(f"'{read}' must be a stress below 1 TPa (got {columns[read].cells[row]}, row {row + 1})")
     kept, notes = _kept(kind, path, stress, used_rows(columns, len(table)), options)
     if not kept.any():
         raise StudyError(f"must hold at least one reading that is used (got none; {'; '.join(notes)})")

@@ -87,6 +87,7 @@ PLATE = "test,plate_diameter [mm],sinkage [mm],force [N]"
         (PLATE, "a,-60,1,2", "'plate_diameter' must be from 0.001 mm to 1 km (got -60, row 1)"),
         (PLATE, "a,1e-200,1,2", "'plate_diameter' must be from 0.001 mm to 1 km (got 1e-200, row 1)"),
         (PLATE, "a,60,1,2\nb,1e200,1,2", "'plate_diameter' must be from 0.001 mm to 1 km (got 1e200, row 2)"),
+        (PLATE, "a,60,1,1e306", "must be a stress below 1 TPa (got 1e306, row 1)"),
         (PLATE, ",60,1,2", "'test' must be given in every row (empty in row 1)"),
         (PLATE, "a,60,,2", "'sinkage' must be given in every row (empty in row 1)"),
         (PLATE, "a,60,1,2\na,80,2,3", "must be the same in all rows of a test (got 60 mm and another"),
