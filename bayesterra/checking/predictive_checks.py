@@ -269,7 +269,7 @@ def predictive_checks(
 def uncalibrated_checks(
     posterior: Posterior, draws: FloatArray, rng: Generator, parts: Mapping[str, IntArray]
 ) -> PredictiveChecks:
-    """Check the readings of a group against draws (n, d) that other groups formed as well.
+    """Checks of the readings of a group against draws (n, d), SI, that other groups formed as well.
 
     There are no replicates: p values stand as they are, which is conservative, and the least of them times their
     number is the ``overall`` one. ``parts`` as for :func:`predictive_checks`.

@@ -61,7 +61,8 @@ def pooled_page(result: PooledResult) -> VerdictPage:
         facts=tuple(fact for fact in facts if fact), verdicts=verdicts, sections=sections,
         version=record["versions"]["bayesterra"],
         warning=draft.warning(unconverged(result, "The sampling has <b>not converged</b>: {}.")),
-        failures=draft.failures, kind=study.kind, template="pooled.html", sentence=result.sentence,
+        failures=draft.failures, kind=study.kind, template="pooled.html",
+        sentence=draft.failures.attempt("report: sentence", lambda: result.sentence, str),
     )  # fmt: skip
 
 

@@ -86,11 +86,12 @@ class PooledResult(result.Result):
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts on the sampling, with that of the posteriors beside it, and on fit and prediction."""
         sampling = sampling_verdict(self.record)
-        beside = [name for name, good in self.record["verdict"]["compared_with"].items() if not good]
-        if beside:
+        others = self.record["verdict"]["compared_with"].items()
+        if beside := [f"{name} pooling" if name == COMPLETE else name for name, good in others if not good]:
             said = f"{enumerated(beside)} did not converge"
             grade = "doubtful" if sampling.grade == "good" else sampling.grade
-            sampling = replace(sampling, grade=grade, sentence=f"{sampling.sentence} Beside it {said}.", claim=said)
+            claim = "; ".join(filter(None, (sampling.claim, said)))
+            sampling = replace(sampling, grade=grade, sentence=f"{sampling.sentence} Beside it {said}.", claim=claim)
         return (sampling, *(Verdict(**entry) for entry in self.record.get("verdicts", ())[1:]))
 
     @property

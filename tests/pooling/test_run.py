@@ -353,3 +353,14 @@ def test_a_row_of_sharing_has_both_judgements_apart(make: MakeStudy) -> None:
     assert (row["reliable"], row["reliable_as_stated"]) == (True, False)
     spread = kept.flat[:, joint.names.index("K.spread")] / law_sd(joint.laws["K"])
     assert row["spread_median"] == pytest.approx(np.median(spread))
+
+
+@pytest.mark.parametrize("converged", [True, False])
+def test_what_did_not_converge_beside_it_hides_no_worse(result: PooledResult, *, converged: bool) -> None:
+    """The claim of the joint sampling comes first; alone, the others make it doubtful."""
+    beside = dict.fromkeys(result.record["verdict"]["compared_with"], True) | {"complete": False}
+    verdict = {**result.record["verdict"], "converged": converged, "compared_with": beside}
+    told = replace(result, record={**result.record, "verdict": verdict})
+    said = "complete pooling did not converge"
+    assert told.verdicts[0].grade == ("doubtful" if converged else "bad")
+    assert told.verdicts[0].claim == (said if converged else f"the sampling has not converged; {said}")
