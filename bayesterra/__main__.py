@@ -54,10 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _signals_as_interruption(asked: list[int]) -> Iterator[None]:
-    """Take SIGTERM, by which clusters and shutdowns announce the end, as Ctrl-C: time to put things down.
-
-    Signals that came are noted in ``asked``.
-    """
+    """Take SIGTERM, by which clusters and shutdowns announce the end, as Ctrl-C, and note signals in ``asked``."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

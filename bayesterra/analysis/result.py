@@ -431,10 +431,7 @@ def draws_tree(
 
 
 def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
-    """Log likelihood of the rows in the fit, per term; NaN where nothing was measured.
-
-    A term is a channel, or ``readings`` where a latent load joins the readings of a row.
-    """
+    """Log likelihood of the rows in the fit per term: a channel, or all ``readings``; NaN where none was read."""
     silent: BoolArray = np.isnan(likelihood.measured)
     if likelihood.terms != likelihood.channels:
         silent = np.asarray(silent.all(axis=1, keepdims=True))

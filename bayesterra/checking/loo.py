@@ -199,15 +199,7 @@ def without_levels(
 
 @dataclass(frozen=True)
 class _Weighted:
-    """Draws of a posterior without some rows.
-
-    Attributes
-    ----------
-    x : parameter sets (n, d).
-    log_weights : smoothed, their sum one (n,).
-    k : Pareto k̂ of the weights.
-    log_row : log density of the rows' readings at each (n,).
-    """
+    """Draws x (n, d) without some rows: smoothed log weights, their k̂, and the log density of the rows' readings."""
 
     x: FloatArray
     log_weights: FloatArray
@@ -235,16 +227,7 @@ class _Weighted:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """Rows to leave out.
-
-    Attributes
-    ----------
-    near, whole : the full posterior, and a proposal fitted to its draws.
-    x : these draws (n, d).
-    log_rows : there, log likelihood (n,), and log density of every row given all others (n, m).
-    rows : their places.
-    rest : log likelihood (n,) of all others at sets (n, d), where the rows' own densities do not say it.
-    """
+    """Rows to leave out, with draws x (n, d) of the full posterior; ``rest``: density of all others."""
 
     near: PosteriorProposal[Any]
     whole: ProposalLaw

@@ -190,16 +190,7 @@ class PredictiveChecks:
 
 @dataclass(frozen=True)
 class _Judge:
-    """The statistics of one channel.
-
-    Attributes
-    ----------
-    column : its place among the measured channels.
-    rows : its readings in the order of slip, indices (m,).
-    slip : there, (m,).
-    unit : residuals of replicated readings in units of the noise (k, m).
-    parts : by wheel, load or run: number (m,) of the part that a reading belongs to.
-    """
+    """The statistics of one channel: its readings in the order of slip (m,), unit residuals of replicates (k, m)."""
 
     channel: str
     column: int

@@ -99,16 +99,7 @@ def _replicate(marginal: _Mixture, conditional: _Mixture | None, left_out: int) 
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Mean densities of n readings over weighted draws, summed group by group.
-
-    Attributes
-    ----------
-    group : (n,) of every draw.
-    own : log of density times weight (n,) of each reading under its own draw, less that of its peak.
-    sums : (groups, n, 1 + f) sums over the other draws of densities, and of these times features.
-    squares : (groups, n) sums of squared densities.
-    weights : (groups, n) sums of the weights.
-    """
+    """Mean densities of n readings over weighted draws, less each one's own, summed group by group."""
 
     group: IntArray
     own: FloatArray

@@ -191,10 +191,7 @@ class Basis:
     def _predicted(
         self, u: FloatArray, row: Likelihood, read: BoolArray, h: int
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Modelled readings and their variance (h, points, k), and the share of each point (h, points).
-
-        Where too few points have an answer, shares are 0.
-        """
+        """Readings and their variance (h, points, k), and shares (h, points), 0 where too few have an answer."""
         x, log_jacobian = self.coordinates.to_physical(u)
         # a changed soil may lie outside the prior's range; all that is asked is that the model has an answer
         sound = np.isfinite(log_jacobian) & np.isfinite(x).all(axis=1)

@@ -383,10 +383,7 @@ def _proposed(v: FloatArray, proposal: Proposal, independent: bool, rng: Generat
 
 @dataclass(frozen=True)
 class _Memory:
-    """Memory of earlier particles: parameters and straight coordinates, and who was in which tail of them.
-
-    Tails are looked at by themselves: they may be left long after the middle has mixed.
-    """
+    """Earlier particles, and who was in which tail: tails may be left long after the middle has mixed."""
 
     low: FloatArray
     high: FloatArray

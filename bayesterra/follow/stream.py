@@ -324,10 +324,7 @@ class Stream(AnalysisResult):
         self._joint = posterior if posterior.grouped else None
 
     def _enter(self, group: str, posterior: Posterior, rng: Generator) -> None:
-        """Draw particles at the first row, and the own values of a group at its first one.
-
-        ``posterior`` is of that row. Values of a group come from the populations and priors.
-        """
+        """Draw particles at the first row, and a group's own values, from populations and priors, at its first one."""
         known = {} if self._joint is None else self._joint.groups
         if self._cloud is not None and (self.study.pooling is None or group in known):
             return

@@ -149,10 +149,7 @@ class Target:
         return np.where(lost, 0.0, first), np.where(lost, 0.0, second)
 
     def _dependence(self, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Slope (n, d) that dependence adds to the log prior's, and the whole curvature (n, d, d).
-
-        The curvature is that of the scores z, zᵀR⁻¹z/2 for correlations, with the scores taken as straight.
-        """
+        """Slope (n, d) that dependence adds to the log prior's, and the whole curvature of the scores (n, d, d)."""
         prior, d = self.posterior.prior, y.shape[1]
         stretch = np.zeros((len(y), d))
         middle = np.clip(y, PRIOR_STEP, 1 - PRIOR_STEP)

@@ -148,11 +148,7 @@ def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: Float
 
 
 def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) -> Evidence | None:
-    """Weigh fresh draws against the mixture of all laws of shared values; None where hardly any has weight.
-
-    Each draw has the laws of locals that belong to its law of shared values. What every adaptation finds
-    alone, its draws against its own law, joins the error: adaptations that disagree have not seen the same.
-    """
+    """Weigh fresh draws against the mixture of all laws; adaptations that disagree add to the error."""
     each = OUTER // len(laws)
     D = [law.drivers.sample(each, rng) for law in laws]
     levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]

@@ -131,10 +131,7 @@ def _as_stated(row: dict[Any, Any]) -> tuple[Cell, Cell]:
 
 
 def _by_word(result: PooledResult, column: str, *, beside: str | None = None) -> dict[str, list[Markup]]:
-    """Parameters by their verdict, what is open last; none where a result is older than the column.
-
-    ``beside``: only those with this verdict from the groups alone.
-    """
+    """Parameters by their verdict, what is open last; ``beside``: those with this verdict from the groups alone."""
     by_word: dict[str, list[Markup]] = {}
     for row in result.sharing.to_dict("records"):
         word = row.get(column)

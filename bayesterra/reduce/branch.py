@@ -76,10 +76,7 @@ def branch_of(log: Log, plate: float | None) -> Branch:
 
 
 def _contact(force: FloatArray) -> tuple[int, float, float]:
-    """Sample of contact, mean force in air before it (0, 0 where the test begins in contact), noise of the force.
-
-    In air the force is level, to half a percent of its greatest.
-    """
+    """Sample of contact, mean force in air before it (0, 0 where the test begins in contact), noise of the force."""
     noise = float(1.4826 * np.median(np.abs(np.diff(force[: max(len(force) // 5, FEWEST)])))) / np.sqrt(2)
     smooth, start = _running_mean(force), float(np.median(force[:10]))
     loaded = int(np.argmax(smooth > start + 0.05 * (smooth.max() - start)))

@@ -205,11 +205,7 @@ def _window(
 
 
 def _blocks(clock: FloatArray, rim_speed: FloatArray | None, settings: Settings) -> tuple[IntArray, int, float]:
-    """Block of every sample, number of whole blocks, and the period of the lugs (s; NaN where none is known).
-
-    A block is a turn of the wheel where there are enough of them, else the passing of a lug (or of a few), by
-    the angle that the wheel has turned; without lugs that pass a fortieth of the time.
-    """
+    """Block of every sample (a turn, the passing of lugs, or a fortieth), their number, and the lugs' period."""
     angle = np.zeros(len(clock))
     if rim_speed is not None and settings.lugs and settings.radius:
         rate = _filled(rim_speed) * settings.lugs / (2 * np.pi * settings.radius)
@@ -258,11 +254,7 @@ def _is_steady(name: str, means: Mapping[str, FloatArray], steady: float) -> boo
 
 
 def _drift(values: FloatArray) -> tuple[float, bool]:
-    """Change along the fitted line from the first value to the last; whether the values show that they change.
-
-    They do where a test of a constant level fails at 5 %, or the line's slope is significant, or the line
-    tells most of the variation, or there are too few values that do not hang together.
-    """
+    """Change along the fitted line from the first value to the last; whether the values show that they change."""
     places = np.arange(len(values)) - (len(values) - 1) / 2
     slope = float(places @ values / (places @ places))
     centred = values - values.mean()
@@ -283,10 +275,7 @@ def _scale(name: str, means: Mapping[str, FloatArray]) -> float:
 def _moments(
     means: Mapping[str, FloatArray], samples: Mapping[str, FloatArray]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Means of a window and their standard errors: of the blocks, and of the resolution.
-
-    Where blocks drift, as far as that is tolerated, all of their variation counts as error.
-    """
+    """Means of a window and standard errors: of the blocks, with what they drift by, and of the resolution."""
     mean = {name: float(np.nanmean(values)) for name, values in means.items()}
     sd = {}
     for name, values in means.items():

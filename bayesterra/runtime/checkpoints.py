@@ -222,10 +222,7 @@ def _table(content: bytes) -> dict[str, Any]:
 
 
 def _arrays(content: bytes) -> dict[str, NDArray[Any]]:
-    """Arrays of a segment; ValueError where they are packed, or declared larger than they are.
-
-    Ours are neither.
-    """
+    """Arrays of a segment; ValueError where they are packed, or larger than they are: ours are neither."""
     headers = {(1, 0): read_array_header_1_0, (2, 0): read_array_header_2_0}
     with ZipFile(BytesIO(content)) as packed:
         for entry in packed.infolist():

@@ -275,10 +275,7 @@ def _close(part: Path, *, sums: bool) -> None:
 
 
 def _swap(part: Path, place: Path) -> None:
-    """Give ``part`` the name of ``place``, which is replaced in one step where the system can do that.
-
-    Elsewhere the old folder steps aside first, and :func:`_recover` gives it its name back after a kill.
-    """
+    """Give ``part`` the name of ``place``, in one step where the system can; else :func:`_recover` mends a kill."""
     aside = _beside(place, "replaced")
     if place.exists():
         write_text(part / ownership.WORK / ownership.REPLACES, _identity(place))

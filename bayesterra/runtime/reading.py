@@ -75,10 +75,7 @@ def sha256_of(path: Path) -> str:
 
 
 def _blocks(path: Path, most: int | None) -> Iterator[bytes]:
-    """Content of an ordinary file, block by block; OSError as :func:`read_bytes`.
-
-    Without ``most`` the limit is the size that the file has at first.
-    """
+    """Content of an ordinary file, block by block, up to ``most`` or the size that it has at first."""
     # without O_NONBLOCK a pipe without a writer would hold us here for ever
     handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     with os.fdopen(handle, "rb") as file:

@@ -261,11 +261,7 @@ def _readings(cell: str) -> dict[str, str]:
 
 
 def _with_points(lines: list[list[Any]], decimal: str | None, *, doubtful: str) -> tuple[list[list[Any]], str]:
-    """Lines with decimal points in their numbers, and how they were written.
-
-    StudyError where cells contradict each other, or one may stand for two numbers. ``doubtful`` marks are
-    not taken for decimal ones without a cell that shows it.
-    """
+    """Lines with decimal points, and how they were written; ``doubtful`` marks need a cell that shows it."""
     marked = {mark for line in lines[1:] for cell in line if isinstance(cell, str) for mark in ",." if mark in cell}
     if decimal != "," and not marked & {",", *doubtful}:
         return lines, ""

@@ -407,17 +407,7 @@ def _several_slips(posterior: Posterior) -> bool:
 
 @dataclass(frozen=True)
 class _Typical:
-    """Typical values of the rows of a study.
-
-    Attributes
-    ----------
-    slips : lowest and highest slip.
-    entrance : entrance angles there, (2,).
-    radius : median wheel radius, m.
-    stress : load over the chord of the contact, median, Pa.
-    displacement : shear displacement at θm = θ1/2, (11), median, m.
-    share : see :class:`Stress`.
-    """
+    """Typical values of the rows of a study, medians but for the slips and the entrance angles there."""
 
     slips: tuple[float, float]
     entrance: FloatArray

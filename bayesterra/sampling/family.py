@@ -176,11 +176,7 @@ def _sliced(
     tied: Callable[[FloatArray, FloatArray], FloatArray] | None,
     rng: Generator,
 ) -> FloatArray:
-    """One slice step (Neal 2003) of a mean or spread in the probability scale of its law, an interval.
-
-    ``tied`` is what correlations of the groups' values add to the log density (n,) at mean and spread.
-    The first interval is all of it, so that shrinking alone is exact and nothing needs to be tuned.
-    """
+    """One slice step (Neal 2003) of a mean or spread in its probability scale; ``tied``: what correlations add."""
     mean, spread = shared[:, at].copy(), shared[:, at + 1].copy()
 
     def level(chosen: FloatArray) -> FloatArray:

@@ -191,11 +191,7 @@ def _produced(
     report: Callable[[Progress], None],
     checkpoint_store: CheckpointStore,
 ) -> tuple[FloatArray, FloatArray, Diagnosis, list[PooledEnsemble]]:
-    """Rounds of sweeps until the diagnosis passes or the steps run out; also the ensembles that made them.
-
-    Walkers that stand in a far tail show that warm-ups saw too little of it. So after ``PATIENCE`` sweeps
-    all laws are fitted to what was found, that is forgotten, and another production begins.
-    """
+    """Rounds of sweeps until the diagnosis passes; walkers in far tails have laws fitted anew after ``PATIENCE``."""
     kept, since, refits = _Kept(), time.perf_counter(), 0
     number = 0
     while True:
@@ -224,14 +220,7 @@ def _produced(
 
 @dataclass(frozen=True)
 class _Kept:
-    """Rounds of a production.
-
-    Attributes
-    ----------
-    physical : per round, parameters (ensembles, steps, walkers, d).
-    shares : per round, accepted shares (ensembles, walkers).
-    coordinates : per round and ensemble, shared values and locals as laws are fitted to them.
-    """
+    """Rounds of a production: parameters (ensembles, steps, walkers, d), accepted shares, and coordinates."""
 
     physical: list[FloatArray] = field(default_factory=list)
     shares: list[FloatArray] = field(default_factory=list)

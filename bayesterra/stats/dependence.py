@@ -368,10 +368,7 @@ class MixtureCopula(Dependence):
 
 @dataclass(frozen=True)
 class _Line:
-    """Mixtures of normal laws on a line, one for each of n values, or the same for all.
-
-    ``log_weights`` (their exponentials sum to 1), ``means`` and ``sds`` are (n or 1, k).
-    """
+    """Mixtures of normal laws on a line (n or 1, k), one for each of n values, or the same for all."""
 
     log_weights: FloatArray
     means: FloatArray
@@ -401,11 +398,7 @@ class _Line:
         return level - _LOG_ROOT, first, second
 
     def at_score(self, z: FloatArray) -> FloatArray:
-        """Values (n,) at normal scores (n,), by Newton's method on the score between ends that hold it.
-
-        A quantile lies between those of the components. Scores above 0 are mirrored, as only the tail of
-        lower values keeps its digits. What one row gives does not depend on the others.
-        """
+        """Values (n,) at normal scores (n,), by Newton's method between the quantiles of the components."""
         n, k = len(z), self.means.shape[1]
         mirror, target = np.where(z > 0, -1.0, 1.0), -np.minimum(np.abs(z), FARTHEST)
         logs, means, sds = (

@@ -308,11 +308,7 @@ def _log_density_within(x: FloatArray, k: int) -> FloatArray:
 
 
 def _log_density_at(points: FloatArray, x: FloatArray, k: int) -> FloatArray:
-    """Log density at points (n,) of the law of sorted draws (m,).
-
-    The gap that a point falls into is longer than others, by as much as one gap more: the window from the
-    k-th draw below to the k-th above has 2k − 1 gaps and the length of 2k.
-    """
+    """Log density at points (n,) of the law of sorted draws (m,): 2k − 1 gaps have the length of 2k."""
     below: IntArray = np.searchsorted(x, points)
     low, high = np.maximum(below - k, 0), np.minimum(below + k - 1, len(x) - 1)
     left, right = np.minimum(x[low], points), np.maximum(x[high], points)

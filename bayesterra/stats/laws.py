@@ -228,11 +228,7 @@ class Law:
 
     @cached_property
     def _inside(self) -> tuple[float, float]:
-        """Lowest and highest value that is drawn: the ends, or their neighbours where these have no density.
-
-        A pole is a point without density, so its neighbour stands for it. In coordinates of normal scores a
-        value has the probability of all scores that lead to it, and none is lost.
-        """
+        """Lowest and highest value that is drawn: the ends, or their neighbours where these have no density."""
         low, high = self.range
         if self.dist in FINITE:
             return low, high

@@ -129,14 +129,7 @@ class QuantileLaw(Law):
 
 @dataclass(frozen=True)
 class _Tail:
-    """The map beyond the first row of a table towards smaller values; greater ones are mirrored.
-
-    Attributes
-    ----------
-    z, x, slope : score, value and dx/dz of the row.
-    end : end of the range.
-    power : exponent γ of x − end ∝ Φ(z)^γ; 0 where the law is normal.
-    """
+    """The map beyond a table's first row (score, value, slope); ``power``: γ of x − end ∝ Φ(z)^γ, 0 where normal."""
 
     z: float
     x: float

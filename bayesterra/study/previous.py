@@ -197,10 +197,7 @@ def _opened(result: Any) -> tuple[Drawn, Mapping[str, tuple[float, float]]]:
 
 
 def _ranges(folder: Path) -> dict[str, tuple[float, float]]:
-    """Ranges of the laws that the study in a result folder states; none where it is of another form.
-
-    Moduli whose laws hold at a sinkage of reference are themselves without a range.
-    """
+    """Ranges of the laws that a result's study states, but of moduli at a reference; none in another form."""
     try:
         stated = entries.table(read_toml(folder / "study.toml").get("priors", {}), "priors")
     except StudyError:
@@ -295,10 +292,7 @@ def _compared(names: tuple[str, ...], away: FloatArray, matrix: FloatArray, size
 def _mixture(
     names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, size: float
 ) -> tuple[MixtureCopula, Fidelity]:
-    """A mixture copula of nearly independent scores among those of all draws, and its fidelity.
-
-    Each half of these is compared with the fit to the other half.
-    """
+    """A mixture copula of nearly independent scores, and its fidelity, by the fit to the other half."""
     mixture, halves = fit_mixture_copula(scores[:: max(1, round(len(scores) / size))])
     away = [
         _shares(unseen, matrix) - _shares(fit.sample(SIMULATED, np.random.default_rng(0)), matrix)
