@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence, Sized
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from itertools import chain
@@ -188,12 +188,6 @@ class Comparison(AnalysisResult):
         return {"comparison": self.parameters, "predictions": self.predictions, "evidence": self.evidences}
 
 
-def check_count(results: Sized) -> None:
-    """ResultError unless there are two to six results."""
-    if not 2 <= len(results) <= MOST:
-        raise ResultError(f"two to {MOST} results can be compared (got {len(results)})")
-
-
 def log_evidence(result: Result) -> Evidence:
     """Log evidence of a result under its cut prior: the share of the stated one in it is divided out."""
     entry = result.record.get("evidence")
@@ -249,7 +243,8 @@ def compare(
     StudyError : an unknown wheel, or no load is known to compare them under.
     """
     named = _by_group(_named(results))
-    check_count(named)
+    if not 2 <= len(named) <= MOST:
+        raise ResultError(f"two to {MOST} results can be compared (got {len(named)})")
     first = next(iter(named.values()))
     for result in named.values():
         without_wheels(result.study, "compare")

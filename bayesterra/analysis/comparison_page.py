@@ -44,7 +44,7 @@ def comparison_page(comparison: Comparison) -> VerdictPage:
             *keys(comparison),
             f"{driven_by(comparison)}, {given(round(curve.load, 1))} N",
         ),
-        warning=_warning(comparison),
+        warning=say("warning", [name for name, result in comparison.results.items() if not result.converged]),
         verdicts=(_readings(comparison), _evidence(comparison), _moves(comparison)),
         sections=(
             Section("parameters", "Parameters", parameters_section(comparison)),
@@ -56,10 +56,6 @@ def comparison_page(comparison: Comparison) -> VerdictPage:
         version=first.record["versions"]["bayesterra"],
         template="contrast.html",
     )
-
-
-def _warning(comparison: Comparison) -> Markup:
-    return say("warning", [name for name, result in comparison.results.items() if not result.converged])
 
 
 def _readings(comparison: Comparison) -> Verdict:
@@ -292,11 +288,6 @@ def _noise(result: Result) -> Markup:
     )
 
 
-def _options(result: Result) -> str:
-    options = asdict(result.study.model).items()
-    return "; ".join(f"{name.replace('_', ' ')} {value}" for name, value in options)
-
-
 def _wheels(result: Result) -> str:
     texts = []
     for name, wheel in result.study.wheels.items():
@@ -310,7 +301,7 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
     "title": lambda result: result.study.title,
     "data": lambda result: f"{result.study.kind}; {result.study.source}",
     "model": lambda result: result.study.model.name,
-    "options": _options,
+    "options": lambda result: "; ".join(f"{n.replace('_', ' ')} {v}" for n, v in asdict(result.study.model).items()),
     "drive": lambda result: result.study.drive,
     "wheels": _wheels,
     "rows": _rows,

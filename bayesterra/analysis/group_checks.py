@@ -35,11 +35,9 @@ def judged(result: PooledResult, seed: int) -> PooledResult:
     fitting, predicting = SeedSequence(seed).spawn(8)[6:]
     with threadpool_limits(limits=1):  # matrices are small: threads of the linear algebra wait for each other
         fit = failures.attempt(
-            "predictive_checks", lambda: fit_of_groups(study, joint, draws, levels, default_rng(fitting)), lambda: None
+            "predictive_checks", lambda: fit_of_groups(study, joint, draws, levels, default_rng(fitting))
         )
-        prediction = failures.attempt(
-            "levels", lambda: prediction_of_levels(study, joint, draws, levels, predicting), lambda: None
-        )
+        prediction = failures.attempt("levels", lambda: prediction_of_levels(study, joint, draws, levels, predicting))
     verdicts = (
         result.verdicts[0],
         fit or unknown_verdict("Fit", failures.said("predictive_checks")),

@@ -101,14 +101,10 @@ def run(
     spaced, guesses = kept.spaced(MODE_DRAWS), [fitted.values() for fitted in fits.values()]
     mode = failures.attempt("mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced))
     held = {name: fitted.values()[name] for fitted in fits.values() for name in fitted.held if name in target.names}
-    conditional = failures.attempt(
-        "mode", lambda: find_mode(target, spaced, guesses, held) if held else None, lambda: None
-    )
+    conditional = failures.attempt("mode", lambda: find_mode(target, spaced, guesses, held) if held else None)
     densities = Target(target, samples.coordinates).densities
     integral = failures.attempt(
-        "evidence",
-        lambda: evidences.ensembles_evidence(densities, samples.adaptations, default_rng(weighing)),
-        lambda: None,
+        "evidence", lambda: evidences.ensembles_evidence(densities, samples.adaptations, default_rng(weighing))
     )
     analysis = Analysis(study, target, prior, samples, kept, mode, conditional, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
@@ -170,9 +166,9 @@ class Analysis:
         checked, tested, following = Validation(None, None, None), None, None
         if self.posterior.driven:
             checked = validate(self.study, self.posterior, draws_of, before, validating, failures)
-            following = failures.attempt("next", lambda: self.next_drive(planning), lambda: None)
+            following = failures.attempt("next", lambda: self.next_drive(planning))
         if self.posterior.experiments:
-            tested = failures.attempt("left_out", lambda: new_tests(self.posterior, draws_of, testing), lambda: None)
+            tested = failures.attempt("left_out", lambda: new_tests(self.posterior, draws_of, testing))
         findings = {
             "verdict": sampler.of_diagnosis(self.samples.diagnosis),
             "sampling": sampler.of_samples(self.samples, self.kept.every),
@@ -215,7 +211,7 @@ class Analysis:
             structural = np.isin(names, seen.determined)
             return seen, identifiability(names, ranges, stated(prior), stated(draws), structural, logs)
 
-        both = self.failures.attempt("identifiability", structure_and_verdicts, lambda: None)
+        both = self.failures.attempt("identifiability", structure_and_verdicts)
         if both is None:
             return undetermined(names, stated(prior), stated(draws)), {}
         seen, verdicts = both
@@ -247,7 +243,7 @@ class Analysis:
 
         return draws_tree(
             self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
-            self.failures.attempt("curves", curves, lambda: None) if self.posterior.driven else None,
+            self.failures.attempt("curves", curves) if self.posterior.driven else None,
         )  # fmt: skip
 
     def next_drive(self, seed: SeedSequence) -> dict[str, Any] | None:

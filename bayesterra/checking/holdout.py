@@ -11,10 +11,10 @@ As it was made, such draws are set aside and the others predict; their share is 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import pandas as pd
 
@@ -51,7 +51,7 @@ class Holdout(AnalysisResult):
     )  # fmt: skip
     VIEW = "bayesterra.checking.holdout_page:holdout"
     WITH_STUDY = True
-    PLOT = "holdout.png"
+    FIGURES: ClassVar[Mapping[str, str]] = {"holdout.png": "all_left_out", "bands.png": "bands_without"}
     CALLED = "Page"
 
     study: Study
@@ -111,13 +111,6 @@ class Holdout(AnalysisResult):
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
         return {**self.record, "converged": self.converged}
-
-    def figures(self) -> dict[str, bytes]:
-        """Left-out rows with their predictions, and the bands without them."""
-        from bayesterra.checking.holdout_page import all_left_out, bands_without
-        from bayesterra.report.figures import white_png
-
-        return {self.PLOT: white_png(all_left_out(self.table)), "bands.png": white_png(bands_without(self))}
 
 
 def _held_out(

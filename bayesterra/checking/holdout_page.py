@@ -37,6 +37,7 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
     """Put the page together."""
     study, kind = holdout.study, holdout.study.kind
     rows = sum(int(fold.left.sum()) for fold in holdout.levels)
+    bands = drawing(bands_without(holdout), "Predictive bands of the fits without each level")
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(
@@ -49,7 +50,7 @@ def holdout_page(holdout: Holdout) -> VerdictPage:
         sections=(
             Section("rows", "Left-out readings", _rows_section(holdout)),
             Section("scores", "Scores", _scores_section(holdout)),
-            Section("bands", "Fits without each level", _bands_section(holdout)),
+            Section("bands", "Fits without each level", (Gallery("whole", (bands,), say("bands")),)),
             Section("method", "Method", _method_section(holdout)),
         ),
         version=holdout.record["versions"]["bayesterra"],
@@ -101,7 +102,7 @@ def _refits(holdout: Holdout) -> Verdict:
 
 
 def _rows_section(holdout: Holdout) -> Blocks:
-    picture = drawing(all_left_out(holdout.table), "Left-out readings and their predictive intervals")
+    picture = drawing(all_left_out(holdout), "Left-out readings and their predictive intervals")
     own = holdout.table[holdout.table["predictor"] == holdout.model]
     marked = own[own["no_answer"] > MARKED].drop_duplicates("row")
     entries = [f"row {r} ({percent(share)})" for r, share in marked[["row", "no_answer"]].to_numpy()]
@@ -131,11 +132,6 @@ def _skill_row(row: Mapping[Any, Any]) -> tuple[Cell, ...]:
     won = f"{row['levels_won']} of {row['levels']}"
     head = (row["baseline"], symbol(row["channel"]), PARTS[row["part"]])
     return (*head, percent(row["skill"]), _between(row), won)
-
-
-def _bands_section(holdout: Holdout) -> Blocks:
-    picture = drawing(bands_without(holdout), "Predictive bands of the fits without each level")
-    return (Gallery("whole", (picture,), say("bands")),)
 
 
 def _method_section(holdout: Holdout) -> Blocks:
@@ -224,13 +220,14 @@ def _limit(ax: Axes, table: pd.DataFrame) -> None:
 
 
 @styled
-def all_left_out(table: pd.DataFrame) -> FloatArray:
+def all_left_out(left_out: Holdout | pd.DataFrame) -> FloatArray:
     """Draw left-out readings, one channel below the other, beside predictions that do not know their level.
 
     One place for every row of a table as of :attr:`bayesterra.checking.holdout.Holdout.table`, levels apart.
     Bars: central 50 and 90 % of the predictive law of a reading, tick: its median; blue the model, orange the
     polynomial, green the Gaussian process. Dots: the readings. Grey ground: slips beyond the training rows'.
     """
+    table = left_out.table if isinstance(left_out, Holdout) else left_out
     names = channels(table)
     figure = new_figure(7.2, 2.4 * len(names) + 0.6)
     axes = np.asarray(figure.subplots(len(names), 1, squeeze=False)).ravel()

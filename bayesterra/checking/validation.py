@@ -197,19 +197,15 @@ def validate(
         checks = failures.attempt(
             "predictive_checks",
             lambda: predictive_checks.predictive_checks(posterior, draws, checking, parts=parts_of(study, levels)),
-            lambda: None,
         )
         prior = None
         if "prior_predictive" not in failures:
-            prior = failures.attempt(
-                "prior_checks", lambda: predictive_checks.prior_checks(study, before), lambda: None
-            )
-        loo, predicting_rng = (failures.attempt("loo", left_out, lambda: None), np.random.default_rng(predicting))
+            prior = failures.attempt("prior_checks", lambda: predictive_checks.prior_checks(study, before))
+        loo, predicting_rng = failures.attempt("loo", left_out), np.random.default_rng(predicting)
         if "loo" in failures:
             return Validation(checks, prior, loo)
-        return Validation(checks, prior, loo, failures.attempt(
-            "levels", lambda: predicted(study, posterior, levels, found, predicting_rng), lambda: None
-        ))  # fmt: skip
+        of_levels = failures.attempt("levels", lambda: predicted(study, posterior, levels, found, predicting_rng))
+        return Validation(checks, prior, loo, of_levels)
 
 
 FEW_READINGS = 3

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -182,16 +182,6 @@ class Judge:
         return picks
 
 
-def as_content(judgement: Estimate) -> dict[str, Any]:
-    """An estimate as a store of tasks keeps it, to the last digit."""
-    return {**asdict(judgement), "replicates": judgement.replicates.tolist()}
-
-
-def from_content(content: Mapping[str, Any]) -> Estimate:
-    """The estimate that a store has kept."""
-    return Estimate(**{**content, "replicates": np.array(content["replicates"])})
-
-
 BIT = float(np.log(2.0))
 """Nats in a bit."""
 EFFECTIVE = 8.0
@@ -261,7 +251,7 @@ class Design(AnalysisResult):
         recommended=list[str], channels=list[list[str]],
     )  # fmt: skip
     VIEW = "bayesterra.design.page:design"
-    PLOT = "design.png"
+    FIGURES: ClassVar[Mapping[str, str]] = {"design.png": "gain_over_slip"}
     CALLED = "Page"
 
     situation: Situation
@@ -336,13 +326,6 @@ class Design(AnalysisResult):
     def tables(self) -> dict[str, pd.DataFrame]:
         """All candidates, and the drives that were chosen."""
         return {"design": self.table, "plan": self.plan}
-
-    def figures(self) -> dict[str, bytes]:
-        """Gain over slip."""
-        from bayesterra.design.page import gain_over_slip
-        from bayesterra.report.figures import white_png
-
-        return {self.PLOT: white_png(gain_over_slip(self))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

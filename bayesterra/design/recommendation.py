@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -241,13 +241,14 @@ def design_into(
         with task_bar("judging", "candidates", show=not quiet) as show:
 
             def update(estimates: Mapping[int, Estimate], progress: Progress) -> None:
-                store.add({task: choosing.as_content(estimate) for task, estimate in estimates.items()})
+                store.add({n: {**asdict(e), "replicates": e.replicates.tolist()} for n, e in estimates.items()})
                 stage, done = f"judging for drive {progress.drive}", progress.done / progress.of
                 status.note(stage, done, progress.seconds_left, steps=progress.judged)
                 show(stage, progress.done, progress.of, progress.seconds_left, "")
                 watch(progress)
 
-            finished = {task: choosing.from_content(content) for task, content in store.tasks().items()}
+            tasks = store.tasks().items()
+            finished = {n: Estimate(**{**kept, "replicates": np.array(kept["replicates"])}) for n, kept in tasks}
             made = choosing.choose(**vars(question), engine=engine, finished=finished, report=update)
         made.write(part)
     return made

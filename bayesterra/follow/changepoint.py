@@ -121,11 +121,6 @@ class Basis:
     posterior: Posterior
     coordinates: Coordinates
 
-    def changeable(self) -> FloatArray:
-        """Variance (d,) of a change in every coordinate: noise and the zero of the sinkage do not change."""
-        fixed = [name.startswith(SIZES) or name == OFFSET for name in self.posterior.names]
-        return np.where(fixed, 0.0, CHANGE**2)
-
     def opened(self, candidates: Candidates, row: int, particles: Particles) -> Candidates:
         """The candidates and a new one: the soil may change at ``row``, before which the particles stand."""
         with np.errstate(all="ignore"):
@@ -134,7 +129,9 @@ class Basis:
         weights = particles.weights[sound] / particles.weights[sound].sum()
         mean = weights @ u[sound]
         offsets = u[sound] - mean
-        covariance = (offsets * weights[:, None]).T @ offsets + np.diag(self.changeable())
+        # noise and the zero of the sinkage do not change
+        fixed = [name.startswith(SIZES) or name == OFFSET for name in self.posterior.names]
+        covariance = (offsets * weights[:, None]).T @ offsets + np.diag(np.where(fixed, 0.0, CHANGE**2))
         return candidates.joined(row, mean, covariance)
 
     def rebased(self, candidates: Candidates, other: Basis) -> Candidates:

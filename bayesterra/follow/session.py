@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, ClassVar, TextIO
 
 import numpy as np
 import pandas as pd
@@ -53,7 +53,7 @@ class FollowedStream(AnalysisResult):
     RECORD = Stream.RECORD
     VIEW = "bayesterra.follow.page:followed"
     PAGE = ""
-    PLOT = "rows.png"
+    FIGURES: ClassVar[Mapping[str, str]] = {"rows.png": "bands_over_rows"}
     CALLED = "Written"
 
     stream: Stream
@@ -131,7 +131,7 @@ class FollowedStream(AnalysisResult):
 
         truth = self.stream.study.truth
         values = dict(truth.values) if truth else None
-        return {self.PLOT: white_png(bands_over_rows(pd.DataFrame(self.table), values), 150)}
+        return {"rows.png": white_png(bands_over_rows(pd.DataFrame(self.table), values), 150)}
 
 
 def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> FollowedStream:

@@ -246,7 +246,9 @@ class Stream(AnalysisResult):
             expected = forecast(own, posterior, newest, rng)
             terms = log_likelihoods(posterior, newest, values)
         else:
-            earlier, unused = self._rows_of(group), frozen(np.zeros(1), np.bool_)
+            earlier, pooling, unused = self.rows.first(), self.study.pooling, frozen(np.zeros(1), np.bool_)
+            if pooling:
+                earlier = earlier.take(np.array(earlier.label(pooling.by), dtype=object) == group)
             ahead = likelihood_of(self.study, earlier.followed_by(replace(row, use=unused)))
             expected = forecast(own, posterior, ahead, rng)
             whole, before = likelihood_of(self.study, earlier.followed_by(row)), particles.log_likelihood
@@ -314,11 +316,6 @@ class Stream(AnalysisResult):
         """Random numbers of a row, the same however the stream came to it."""
         return default_rng(SeedSequence(self.seed, spawn_key=(number,)))
 
-    def _rows_of(self, group: str) -> Observations:
-        """Rows of a group so far."""
-        rows, pooling = self.rows.first(), self.study.pooling
-        return rows.take(np.array(rows.label(pooling.by), dtype=object) == group) if pooling else rows
-
     def _take_groups(self, posterior: Whole) -> None:
         """Know the groups of a posterior; its rows do not matter."""
         self._joint = posterior if posterior.grouped else None
@@ -334,7 +331,8 @@ class Stream(AnalysisResult):
             self._begin(whole, rng)
         elif whole.grouped:
             sets = self._before, self._cloud.x
-            before, x = (np.hstack([x, whole.draw_group(whole.shared_of(x), rng)]) for x in sets)
+            shared = len(whole.shared_and_hyper)
+            before, x = (np.hstack([x, whole.draw_group(x[:, :shared], rng)]) for x in sets)
             self._before, self._cloud = before, replace(self._cloud, x=x)
         self._take_groups(whole)
 

@@ -114,10 +114,11 @@ def analyse(
     ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
     basis = identifiability(posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined), logs)
     table = basis.table.assign(cut_contraction=informed.parameters["cut_contraction"])
+    counts = informed.counts[informed.counts["view"] == MARGINAL].reset_index(drop=True)
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, tied, informed,
         judged(table.join(_elsewhere(prior, spread, profiled))), _combinations(informed, seen),
-        _counts(informed), clock.seconds,
+        counts[["scope", "directions", "determined", "effective"]], clock.seconds,
     )  # fmt: skip
 
 
@@ -155,13 +156,6 @@ def _combinations(informed: Information, seen: Structure) -> pd.DataFrame:
     if not nulls:
         return rated.reset_index(drop=True)
     return pd.concat([rated, pd.DataFrame(nulls, columns=rated.columns)], ignore_index=True)
-
-
-def _counts(informed: Information) -> pd.DataFrame:
-    """Directions of each group, and of all parameters, and how many are determined."""
-    table = informed.counts
-    chosen = table[table["view"] == MARGINAL][["scope", "directions", "determined", "effective"]]
-    return chosen.reset_index(drop=True)
 
 
 def _excluded(profile: Profile, prior: FloatArray) -> float:

@@ -80,8 +80,10 @@ def _agreement_card(made: Identified) -> Verdict:
 
 def _verdict_section(made: Identified) -> Blocks:
     text = say("words", 100 * (1 - DETERMINED), 100 * EXCLUDED, COUPLED, COUPLED_TO_ALL, WEAK, SHIFT, MOVED)
-    rows = tuple(_verdict_row(row) for row in records(made.verdicts))
-    return (say.table("verdict_table", rows), *_objections(made), Text(text), _combinations(made))
+    rows = records(made.verdicts)
+    against = [row for row in rows if row["against"]]
+    objections = (Text(say("objections", against)),) if against else ()
+    return (say.table("verdict_table", map(_verdict_row, rows)), *objections, Text(text), _combinations(made))
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
@@ -106,11 +108,6 @@ def _ends(row: Record) -> Cell:
     if low == low:
         return Markup(", above {}").format(amount(name, plain(low)))
     return Markup(", below {}").format(amount(name, plain(high))) if high == high else ""
-
-
-def _objections(made: Identified) -> Blocks:
-    against = [row for row in records(made.verdicts) if row["against"]]
-    return (Text(say("objections", against)),) if against else ()
 
 
 def _combinations(made: Identified) -> Table:

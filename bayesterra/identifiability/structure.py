@@ -319,7 +319,9 @@ class Ranks:
 
     @cached_property
     def _decomposed(self) -> tuple[FloatArray, FloatArray]:
-        _, values, vectors = np.linalg.svd(_tall(self.matrices), full_matrices=False)
+        n, q, d = self.matrices.shape  # with at least as many rows as columns
+        tall = self.matrices if q >= d else np.concatenate([self.matrices, np.zeros((n, d - q, d))], axis=1)
+        _, values, vectors = np.linalg.svd(tall, full_matrices=False)
         return values, vectors
 
     @property
@@ -413,12 +415,6 @@ def _lengths(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
     """Euclidean lengths, 1 where they are 0."""
     length = np.sqrt((values**2).sum(axis=axis))
     return np.where(length == 0, 1.0, length)
-
-
-def _tall(matrices: FloatArray) -> FloatArray:
-    """The same with at least as many rows as columns."""
-    n, q, d = matrices.shape
-    return matrices if q >= d else np.concatenate([matrices, np.zeros((n, d - q, d))], axis=1)
 
 
 NEGLIGIBLE = 1e-6

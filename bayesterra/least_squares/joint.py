@@ -20,7 +20,6 @@ from bayesterra.errors import StudyError, SupportError
 from bayesterra.least_squares.results import error_figure
 from bayesterra.least_squares.settings import Settings
 from bayesterra.least_squares.solver import Box, ClippedModel, Minimum, clip, excess_jacobian, minimise
-from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.models.decoupled import MARGIN, leaving
 from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
@@ -125,7 +124,9 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     SupportError : no start has an answer.
     """
     columns, likelihood = settings.free(settings.names), posterior.likelihood
-    _check_count(likelihood, len(columns))
+    count = int(np.sum(~np.isnan(likelihood.measured)))
+    if count < len(columns):
+        raise StudyError(f"too few observations for joint: {count} readings, {len(columns)} parameters")
     box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
     medians = {noise.channel: noise.law.median for noise in likelihood.noise if noise.law}
     misfit = _misfit(posterior, settings, medians)
@@ -152,12 +153,6 @@ def _refined(misfit: WeightedMisfit, rough: Minimum, box: Box) -> Minimum:
     return replace(best, theta=np.clip(best.theta, misfit.lower, misfit.upper))
 
 
-def _check_count(likelihood: Likelihood, free: int) -> None:
-    count = int(np.sum(~np.isnan(likelihood.measured)))
-    if count < free:
-        raise StudyError(f"too few observations for joint: {count} readings, {free} parameters")
-
-
 def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, float]) -> WeightedMisfit:
     likelihood = posterior.likelihood
     outcomes = likelihood.forward.outcomes
@@ -168,14 +163,9 @@ def _misfit(posterior: Posterior, settings: Settings, estimated: Mapping[str, fl
         value = np.array([estimated[noise.channel]]) if noise.law else None
         stated_sd = likelihood.observations.given_sd.get(noise.channel, none)
         sd[:, i] = noise.scale(likelihood.measured[None, :, i], value, stated_sd)[0]
-    model = ClippedModel(likelihood.forward)
-    return WeightedMisfit(model, columns, likelihood.measured, sd, *_ranges(settings))
-
-
-def _ranges(settings: Settings) -> tuple[FloatArray, FloatArray]:
-    """Ranges (k,) of the parameters; held ones have none, for they cannot move."""
-    held = np.isin(settings.names, settings.held)
-    return np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
+    held = np.isin(settings.names, settings.held)  # they cannot move: no range
+    lower, upper = np.where(held, -np.inf, settings.lower), np.where(held, np.inf, settings.upper)
+    return WeightedMisfit(ClippedModel(likelihood.forward), columns, likelihood.measured, sd, lower, upper)
 
 
 def _residual_sd(posterior: Posterior, misfit: WeightedMisfit, theta: FloatArray, free: int) -> dict[str, float]:

@@ -195,10 +195,6 @@ class JointPosterior:
         names = self.first.names
         return [names.index(n) for n in self.shared], [names.index(n) for n in self.local]
 
-    def shared_of(self, x: FloatArray) -> FloatArray:
-        """Shared values (n, k) of parameter sets, which may be of some of the groups only."""
-        return x[:, : len(self.shared_and_hyper)]
-
     def split(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Shared values (n, k) and locals (groups, n, d) of parameter sets (n, all)."""
         k = len(self.shared_and_hyper)

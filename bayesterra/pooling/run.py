@@ -211,7 +211,7 @@ def run_pooled(
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     lone = (plan or PoolingOptions()).lone
     complete = failures.attempt(
-        "complete", lambda: sample(posterior(study), asked, whole, report, lone, checkpoint_store), lambda: None
+        "complete", lambda: sample(posterior(study), asked, whole, report, lone, checkpoint_store)
     )
     report(Progress("comparing", 1.0))
     degrees: tuple[Degree, ...] = ()

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 import pandas as pd
@@ -72,7 +72,7 @@ class RoverOutlook(AnalysisResult):
     )  # fmt: skip
     VIEW = "bayesterra.prediction.page:rover"
     PAGE = ""
-    PLOT = "rover.png"
+    FIGURES: ClassVar[Mapping[str, str]] = {"rover.png": "rover_outlook"}
     CALLED = "Written"
     DIGITS = None
 
@@ -233,13 +233,6 @@ class RoverOutlook(AnalysisResult):
             "climb": self.climb_table,
             **({"probabilities": self.probabilities} if self.conditions else {}),
         }
-
-    def figures(self) -> dict[str, bytes]:
-        """Slip, sinkage and loads over slope and tow force."""
-        from bayesterra.prediction.page import rover_outlook
-        from bayesterra.report.figures import white_png
-
-        return {self.PLOT: white_png(rover_outlook(self))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

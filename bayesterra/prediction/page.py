@@ -16,7 +16,7 @@ from matplotlib.patches import Patch
 from bayesterra.arrays import FloatArray
 from bayesterra.models.statics import Greatest, State
 from bayesterra.prediction.outlook import DEGREE, QUANTITIES, RoverOutlook, cannot, unanswered
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Predicted, Prediction, quantiles, say
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Case, Predicted, Prediction, quantiles, say
 from bayesterra.prediction.rover import AXLES
 from bayesterra.report import figures
 from bayesterra.report.blocks import Cell, Overview, Table, Text, records
@@ -62,13 +62,9 @@ def prediction(curve: Prediction, quantity: str, ax: Axes | None = None, *, at: 
 
 
 @figures.styled
-def predictions(cases: Sequence[tuple[Prediction, Prediction | None]]) -> FloatArray:
-    """Draw every quantity (columns) of some predictions (rows); returns the axes (cases, quantities).
-
-    Parameters
-    ----------
-    cases : per row the prediction on a slip grid, and at single slips where there is one.
-    """
+def predictions(forecast: Predicted) -> FloatArray:
+    """Draw every quantity (columns) of some predictions (rows); returns the axes (cases, quantities)."""
+    cases = forecast.cases
     figure = figures.new_figure(2.55 * len(PREDICTED), 2.35 * len(cases) + 0.75)
     axes = np.asarray(figure.subplots(len(cases), len(PREDICTED), squeeze=False))
     for row, (curve, at) in zip(axes, cases, strict=True):
@@ -130,7 +126,7 @@ def _stretches(x: FloatArray, shares: FloatArray) -> list[tuple[float, float, fl
     return [(low - half, high + half, share) for (low, high), share in zip(ends, worst, strict=True)]
 
 
-def _legend_of_bands(figure: Figure, cases: Sequence[tuple[Prediction, Prediction | None]]) -> None:
+def _legend_of_bands(figure: Figure, cases: Sequence[Case]) -> None:
     entries: list[Patch | Line2D] = [
         Line2D([], [], color=figures.POSTERIOR, label="median"),
         Patch(color=figures.POSTERIOR, alpha=0.5, label="90 %, without noise"),

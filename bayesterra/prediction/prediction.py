@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -102,7 +102,7 @@ class Predicted(AnalysisResult):
     RECORD = Record.having(kind=Literal["prediction"], title=str, bayesterra=str, predictions=list[PredictedCase])
     VIEW = "bayesterra.prediction.page:forecast"
     PAGE = ""
-    PLOT = "prediction.png"
+    FIGURES: ClassVar[Mapping[str, str]] = {"prediction.png": "predictions"}
     CALLED = "Written"
     DIGITS = None
 
@@ -123,13 +123,6 @@ class Predicted(AnalysisResult):
             "draws": pd.concat([at.to_dataframe() for at in self.points]),
             "derived": pd.concat([at.labelled_table for at in self.points]),
         }
-
-    def figures(self) -> dict[str, bytes]:
-        """Every quantity over slip."""
-        from bayesterra.prediction.page import predictions
-        from bayesterra.report.figures import white_png
-
-        return {self.PLOT: white_png(predictions(self.cases))}
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

@@ -10,7 +10,7 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar, overload
 
 from markupsafe import Markup
 
@@ -71,7 +71,11 @@ class Failures:
         self._failures: dict[str, Failure] = {}
         self._watch = watch
 
-    def attempt(self, part: str, compute: Callable[[], T], otherwise: Callable[[], T]) -> T:
+    @overload
+    def attempt(self, part: str, compute: Callable[[], T]) -> T | None: ...
+    @overload
+    def attempt(self, part: str, compute: Callable[[], T], otherwise: Callable[[], T]) -> T: ...
+    def attempt(self, part: str, compute: Callable[[], Any], otherwise: Callable[[], Any] = lambda: None) -> Any:
         """Result of ``compute``; where it raises, that is noted as a failure, and ``otherwise`` is called.
 
         A lack of memory, a full disk, saved work that cannot be used and Ctrl-C are no failures of the part:

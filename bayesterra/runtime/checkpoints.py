@@ -95,7 +95,9 @@ class Checkpoints(CheckpointStore):
 
     @classmethod
     def _opened(cls, folder: Path, identity: Identity, kind: str) -> Checkpoints:
-        _refuse_what_is_no_file(folder)
+        for path in sorted((folder / BEGUN, *folder.glob("*" + SEGMENT))):
+            if path.exists() and not path.is_file():  # it is not ours to remove
+                raise ResultError(f"'{path}' is not a file: move it away")
         present = json.loads(json.dumps(identity))
         begun = identity_in(folder)
         if begun is not None and begun != present:
@@ -195,13 +197,6 @@ def _names(folder: Path) -> list[str]:
 
 def _is_task(name: str) -> bool:
     return name.startswith(TASK) and name.removeprefix(TASK).isdecimal()
-
-
-def _refuse_what_is_no_file(folder: Path) -> None:
-    """Refuse a folder in the place of a file: it is not ours to remove."""
-    for path in sorted((folder / BEGUN, *folder.glob("*" + SEGMENT))):
-        if path.exists() and not path.is_file():
-            raise ResultError(f"'{path}' is not a file: move it away")
 
 
 def _read(path: Path) -> tuple[Any, bytes]:

@@ -381,7 +381,8 @@ def _of_rows(posterior: Posterior) -> list[tuple[tuple[str, ...], Block]]:
     choices: list[tuple[tuple[str, ...], Block]] = []
     if bearing:
         score: Block = NormalScore(laws["Ks"]) if stiffness == "Ks" else Logarithm()
-        stress = rows.stress_block(score, len(bearing) - 1)
+        slips = len(bearing) - 1
+        stress = Stress(score, np.array(rows.slips[:slips]), rows.entrance[:slips], rows.radius, rows.share)
         block: Block = Contact(stress, Angles(rows.slips, fixed["c3"])) if angles else Bearing(stress)
         if stiffness == "kphi":
             bearing = ("kc", *bearing)
@@ -437,10 +438,6 @@ class _Typical:
             displacement=float(np.median(rows.shearing_radius * sheared)),
             share=2 / 3 if posterior.likelihood.forward.model.name == "M1" else 1.0,
         )
-
-    def stress_block(self, score: Block, slips: int) -> Stress:
-        """The stress at the first ``slips`` of the two slips."""
-        return Stress(score, np.array(self.slips[:slips]), self.entrance[:slips], self.radius, self.share)
 
 
 def _median(values: FloatArray, otherwise: float) -> float:

@@ -315,10 +315,6 @@ class Weighted:
         log_z, error = (evidence.log_z, evidence.error) if evidence else (np.nan, np.nan)
         return cls(name, flat, np.full(len(flat), 1 / len(flat)), sizes, log_z, error)
 
-    def share_below(self, i: int, value: float) -> float:
-        """Probability that parameter ``i`` lies at or below a value."""
-        return float(self.weights[self.x[:, i] <= value].sum())
-
 
 def _sizes(chains: FloatArray) -> list[float]:
     """Effective draws behind the mean and the shares below quantiles of a parameter's chains."""
@@ -392,7 +388,7 @@ def _differences(this: Weighted, other: Weighted, i: int) -> dict[str, float]:
         at = min(int(np.searchsorted(steps, q)), len(order) - 1)
         value = float(this.x[order[at], i])
         error = np.sqrt(q * (1 - q) * variance)
-        differences[f"{100 * q:.0f} % quantile"] = (other.share_below(i, value) - q) / error
+        differences[f"{100 * q:.0f} % quantile"] = (other.weights[other.x[:, i] <= value].sum() - q) / error
     return {name: float(value) for name, value in differences.items()}
 
 

@@ -70,6 +70,7 @@ def tables(study: Study) -> dict[str, Any]:
     The one plain form of a study: written as TOML, hashed as its fingerprint, compared when a run goes on.
     """
     loads = study.load_range and [text(load, "N") for load in study.load_range]
+    mean_load = {"mean_load": text(study.model.mean_load, "N")} if isinstance(study.model, M2L) else {}
     entries, errors = study.prior.entries, study.errors
     priors: dict[str, object] = {"reference_sinkage": text(study.prior.reference, "m")} if study.prior.stretched else {}
     named = [name for name in PRIOR_PARAMETERS if name in entries]
@@ -79,7 +80,7 @@ def tables(study: Study) -> dict[str, Any]:
         "drive": str(study.drive),
         "load_range": loads,
         "wheels": {name: _wheel(wheel) for name, wheel in study.wheels.items()},
-        "model_options": _model_options(study),
+        "model_options": {**asdict(study.model), **mean_load},
         "noise": {name: _noise(noise) for name, noise in study.noise.items()},
         "discrepancy": {name: _discrepancy(curve) for name, curve in errors.discrepancy.items()},
         "ripple": {name: _ripple(ripple) for name, ripple in errors.ripple.items()},
@@ -159,17 +160,12 @@ def _file(
     sections = {**wheels, **split["soil_tests"], **named, **references, "sampling": content["sampling"]}
     lines = [*assignments({**head, **keys})]
     for name, section in sections.items():
-        lines += toml_table(name, section)
+        lines += ["", f"[{name}]", *assignments(section)] if section else []
     return "\n".join(lines) + "\n"
 
 
 def _reference(reference: Reference) -> dict[str, object]:
     return {"source": reference.source, **{name: _value(name, v) for name, v in reference.values.items()}}
-
-
-def _model_options(study: Study) -> dict[str, object]:
-    loads = {"mean_load": text(study.model.mean_load, "N")} if isinstance(study.model, M2L) else {}
-    return {**asdict(study.model), **loads}
 
 
 def _pooling(pooling: Pooling) -> dict[str, object]:
@@ -237,13 +233,6 @@ def _prior(name: str, entry: Entry) -> object:
 
 def _value(name: str, value: float) -> object:
     return text(value, PARAMETERS[name].dimension)
-
-
-def toml_table(name: str, content: Mapping[str, object]) -> Iterator[str]:
-    """Lines of a table; none where it is empty."""
-    if content:
-        yield from ("", f"[{name}]")
-        yield from assignments(content)
 
 
 def assignments(content: Mapping[str, object]) -> Iterator[str]:

@@ -36,18 +36,13 @@ class Population:
 
     def laws(self, own: Law) -> tuple[Law, Law]:
         """Laws of mean and spread, the defaults from the parameter's own prior."""
-        return self.mean or own, self.spread or default_spread(own)
+        return self.mean or own, self.spread or Law("halfnorm", {"scale": SPREAD_SHARE * law_sd(own)})
 
 
 def law_sd(own: Law) -> float:
     """Standard deviation of a law, from its quantiles."""
     values: FloatArray = own.quantile((np.arange(4000) + 0.5) / 4000)
     return float(values.std())
-
-
-def default_spread(own: Law) -> Law:
-    """Prior of the spread of a parameter between groups where none is given."""
-    return Law("halfnorm", {"scale": SPREAD_SHARE * law_sd(own)})
 
 
 @dataclass(frozen=True)

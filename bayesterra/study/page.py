@@ -24,16 +24,12 @@ from bayesterra.study.result import DrawnResult, Result, SummaryRow
 say = Prose("study")
 
 
-def failed_checks(result: DrawnResult) -> list[Mapping[str, Any]]:
-    """The checks of the sampling that did not pass."""
-    return [check for check in result.record["verdict"]["checks"] if not check["passed"]]
-
-
 def unconverged(result: DrawnResult, text: str) -> Markup:
     """A text with advice for its ``{}`` where the sampling has not converged; else empty."""
     if result.converged:
         return Markup("")
-    return Markup(text).format(listed(check["advice"] for check in failed_checks(result)))  # noqa: S704 (constants)
+    checks = result.record["verdict"]["checks"]
+    return Markup(text).format(listed(check["advice"] for check in checks if not check["passed"]))  # noqa: S704 (constants)
 
 
 def axis(result: Result, name: str) -> Axis:

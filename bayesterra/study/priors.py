@@ -140,17 +140,13 @@ class Prior:
     @property
     def _needed(self) -> tuple[str, ...]:
         soil = (*parameters.MODULI, *parameters.SOIL_PARAMETERS[1:]) if self.uses_moduli else parameters.SOIL_PARAMETERS
-        return (*soil, *parameters.LOAD_EFFECT) if self.uses_load_effect else soil
+        load_effect = any(name in self.entries for name in parameters.LOAD_EFFECT)
+        return (*soil, *parameters.LOAD_EFFECT) if load_effect else soil
 
     @property
     def uses_moduli(self) -> bool:
         """True where K_s follows from k_c and k_φ, and so from the width of each wheel."""
         return any(name in self.entries for name in parameters.MODULI)
-
-    @property
-    def uses_load_effect(self) -> bool:
-        """True where the coefficients of the load effect, (42), are among the entries."""
-        return any(name in self.entries for name in parameters.LOAD_EFFECT)
 
     @cached_property
     def laws(self) -> dict[str, Law]:

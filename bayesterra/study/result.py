@@ -45,7 +45,8 @@ class AnalysisResult(ABC):
     ----------
     MARK : file by which folders of this kind are known.
     RECORD : model of the JSON file of that name; None where the mark is a table.
-    PAGE, PLOT : names of the page and of the main figure; empty where there is none.
+    PAGE : name of the page; empty where there is none.
+    FIGURES : functions beside ``VIEW`` that draw a result, by the names of the figures' files; the main one first.
     CALLED : what the terminal calls the place where it was saved.
     DIGITS : format of the numbers in tables; None for all digits.
     WITH_STUDY : whether the folder holds the study.
@@ -56,7 +57,7 @@ class AnalysisResult(ABC):
     MARK: ClassVar[str] = "run.json"
     RECORD: ClassVar[type[Record] | None] = Record
     PAGE: ClassVar[str] = "report.html"
-    PLOT: ClassVar[str] = ""
+    FIGURES: ClassVar[Mapping[str, str]] = {}
     CALLED: ClassVar[str] = "Report"
     DIGITS: ClassVar[str | None] = "%.6g"
     WITH_STUDY: ClassVar[bool] = False
@@ -83,7 +84,10 @@ class AnalysisResult(ABC):
 
     def figures(self) -> Mapping[str, bytes]:
         """Figures by the names of their files."""
-        return {}
+        from bayesterra.report.figures import white_png
+
+        page = self.VIEW.partition(":")[0]
+        return {name: white_png(resolve_name(f"{page}:{draw}")(self)) for name, draw in self.FIGURES.items()}
 
     def write_inputs(self, part: Path) -> None:
         """Write what was analysed, where a folder of this kind holds it."""
@@ -123,8 +127,8 @@ class AnalysisResult(ABC):
 
     def place(self, folder: Path) -> str:
         """Line on where it was saved."""
-        plot = f"   Plot: {folder / self.PLOT}" if self.PLOT else ""
-        return f"{self.CALLED}: {folder / self.PAGE}{plot}"
+        plots = [f"   Plot: {folder / name}" for name in self.FIGURES]
+        return "".join([f"{self.CALLED}: {folder / self.PAGE}", *plots[:1]])
 
     def _repr_html_(self) -> str:
         from bayesterra.report.sections import notebook

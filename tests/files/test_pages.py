@@ -175,8 +175,8 @@ def test_an_analysis_of_identifiability(hostile: Result) -> None:
 
 def test_plots_of_predictions_and_rovers(hostile: Result, tmp_path: Path) -> None:
     """Names with a dollar, a brace or a backslash are no formulas of the plots."""
-    cases = forecast(hostile, slips=[0.2], wheels=[NAME]).cases
-    assert white_png(predictions(cases)).startswith(b"\x89PNG")
+    foretold = forecast(hostile, slips=[0.2], wheels=[NAME])
+    assert white_png(predictions(foretold)).startswith(b"\x89PNG")
     file = Path(__file__).parents[2] / "studies" / "rover" / "small-rover.toml"
     text = re.sub(r'name = "[^"]*"', lambda _: f"name = {json.dumps(LINK)}", file.read_text(), count=1)
     text = text.replace('wheel = "Wh32"', f"wheel = {json.dumps(NAME)}")

@@ -16,7 +16,7 @@ from bayesterra.errors import StudyError
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Condition, forecast, slips_of
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Condition, Forecast, forecast, slips_of
 from bayesterra.report.figures import figure_of
 from bayesterra.study.result import Result, parameter_dataset
 from bayesterra.study.study import Study
@@ -163,7 +163,7 @@ def test_no_result_is_replaced_by_a_prediction(wide: Result, saved: Path) -> Non
 def test_figures_return_their_axes(wide: Result) -> None:
     """One quantity is drawn into given axes, all into a grid."""
     found = bt.predict(wide, np.linspace(0.05, 0.97, 20))
-    axes = prediction_pages.predictions([(found, found.at(found.slip[:2]))])
+    axes = prediction_pages.predictions(Forecast(cases=((found, found.at(found.slip[:2])),)))
     assert axes.shape == (1, len(PREDICTED))
     assert prediction_pages.prediction(found, "sinkage", axes[0, 0]) is axes[0, 0]
     assert axes[0, 0].get_ylabel() == "$z$ [mm]"
@@ -172,7 +172,7 @@ def test_figures_return_their_axes(wide: Result) -> None:
 def test_the_legend_says_what_hatching_means(wide: Result) -> None:
     """Of a band that too many draws leave without an answer."""
     found = bt.predict(wide, [0.3, 0.97], wheel=SMALL, load="200 N")
-    (legend,) = figure_of(prediction_pages.predictions([(found, None)])).legends
+    (legend,) = figure_of(prediction_pages.predictions(found)).legends
     assert [entry.get_text() for entry in legend.get_texts()][-1] == "over 5 % of draws without answer"
 
 
