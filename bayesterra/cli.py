@@ -142,7 +142,7 @@ def run(
 @app.command(short_help="Show what was understood of a study and its measurements.")
 def check(study: StudyPath) -> None:
     """Read a study and its measurements, and show what was understood."""
-    from bayesterra.analysis.terminal import study_overview
+    from bayesterra.likelihood.page import study_overview
     from bayesterra.report import terminal
     from bayesterra.study.study import load_study
 
@@ -179,8 +179,7 @@ def simulate(
     set_: Annotated[Texts, option("NAME=VALUE", 'A true value, e.g. phi="30 deg"; may be repeated.', "--set")] = None,
 ) -> None:
     """Make measurements with known parameters, under the conditions and noise of a study."""
-    from bayesterra.analysis.simulation import write_simulated
-    from bayesterra.analysis.terminal import truth_overview
+    from bayesterra.analysis.simulation import truth_overview, write_simulated
     from bayesterra.report import terminal
     from bayesterra.study.study import load_study
 

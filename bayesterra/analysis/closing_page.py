@@ -236,9 +236,7 @@ def _total(result: Result) -> str:
 def _disagreement(rows: dict[str, SummaryRow]) -> tuple[Text, ...]:
     """A warning where a parameter moves far from its prior."""
     far = [name for name, row in rows.items() if abs(row.shift) > APART]
-    if not far:
-        return ()
-    return (Text(say("disagreement", far, APART), "bad"),)
+    return (Text(say("disagreement", far, APART), "bad"),) if far else ()
 
 
 def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:

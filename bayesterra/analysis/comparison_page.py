@@ -312,8 +312,7 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
 def judged_section(comparison: Comparison) -> Blocks:
     """Evidence, cross-validation, fit and sampling of every result."""
     rows = [_judged(comparison, row) for row in comparison.evidences.to_dict("records")]
-    table = say.table("judged", rows, comparison.names[0])
-    return (table, *_left_out(comparison))
+    return (say.table("judged", rows, comparison.names[0]), *_left_out(comparison))
 
 
 def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, ...]:
@@ -458,12 +457,8 @@ def _dots(ax: Axes, comparison: Comparison, quantity: str) -> None:
 
 def _common(axes: list[Axis]) -> Axis:
     """The range that holds all ranges; logarithmic where all are."""
-    return Axis(
-        min(along.low for along in axes),
-        max(along.high for along in axes),
-        all(along.log for along in axes),
-        axes[0].bounds,
-    )
+    low, high = min(along.low for along in axes), max(along.high for along in axes)
+    return Axis(low, high, all(along.log for along in axes), axes[0].bounds)
 
 
 def _lane(ax: Axes, along: Axis, lane: int, values: FloatArray, ends: tuple[float, float], median: float) -> None:

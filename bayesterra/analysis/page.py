@@ -26,6 +26,7 @@ from bayesterra.models.traction import SLIP_GRID
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values, in_order
 from bayesterra.report import numbers
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
+from bayesterra.report.figures import MARKS
 from bayesterra.report.sections import Draft, Prose, Section, VerdictPage
 from bayesterra.report.symbols import amount, angles, listed, quantity_of, symbol, unit, with_unit
 from bayesterra.report.terminal import failure_lines
@@ -283,17 +284,8 @@ def _bands(result: Result, wheel: str) -> Gallery:
     pictures = tuple(
         drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}") for name, axes in drawn.items()
     )
-    lines = listed(f"{name} {LINES[name]}" for name in complete_soils(result))
+    lines = listed(f"{name} {MARKS[name].line}" for name in complete_soils(result))
     return Gallery("small", pictures, say("bands", wheel, result.study.drive.level, lines))
-
-
-LINES = {
-    "IM1": "long dashes (vermilion)",
-    "IM2": "dots (green)",
-    "IM3": "dash-dot (purple)",
-    "joint": "short dashes (orange)",
-}
-SIGNS = {"IM1": "▲", "IM2": "■", "IM3": "◆", "joint": "✖"}
 
 
 def _residuals(result: Result) -> Gallery:
@@ -301,7 +293,7 @@ def _residuals(result: Result) -> Gallery:
         drawing(validation_page.residuals(result, name), f"Standardised residuals of {CHANNELS[name].description}")
         for name in result.study.noise
     )
-    marks = ", ".join(f"{name} {SIGNS[name]}" for name in complete_soils(result))
+    marks = ", ".join(f"{name} {MARKS[name].sign}" for name in complete_soils(result))
     return Gallery("small", pictures, say("residuals", marks))
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,13 @@ from bayesterra.analysis import inference
 from bayesterra.analysis.group_checks import judged
 from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import PriorResult, is_pooled, is_prior, read_pooled, read_result
-from bayesterra.errors import BayesterraError, ResultError, check_kind, check_seed, checked_path
+from bayesterra.errors import ResultError, check_kind, check_seed, checked_path
 from bayesterra.pooling.run import run_pooled
 from bayesterra.runtime.checkpoints import Checkpoints, digest
 from bayesterra.runtime.folders import check_free, clear_up, part_of, whole_folder
 from bayesterra.runtime.netcdf import is_result
 from bayesterra.runtime.ownership import WORK, unfinished
-from bayesterra.runtime.reading import UNREADABLE, check_sums, reason
+from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.status import job_folder
 from bayesterra.sampling.sampler import Progress, progress_bar
 from bayesterra.study.canonical import identity
@@ -96,25 +96,15 @@ def run_study(
         with progress_bar(status, quiet=quiet) as update:
             update(Progress("drawing from the prior", 0.0))
             how: dict[str, Any] = {"seed": seed, "report": update, "checkpoint_store": checkpoints}
-            with _from_segments(part) if resumed else nullcontext():
+            with damage(ResultError, part, STUCK) if resumed else nullcontext():
                 result = _sampled(study, crosscheck=crosscheck, **how)
             update(Progress("writing the report", 1.0))
             result = result.write(part)
     return result
 
 
-@contextmanager
-def _from_segments(part: Path) -> Iterator[None]:
-    """Error for saved segments that are whole and of this run, and yet no run can go on from them."""
-    try:
-        yield
-    except BayesterraError:
-        raise
-    except UNREADABLE as error:
-        raise ResultError(
-            f"'{part}' holds segments that this run cannot go on from ({reason(error)}): add --overwrite in"
-            " place of --resume to begin anew"
-        ) from error
+STUCK = "'{}' holds segments that this run cannot go on from ({}): add --overwrite in place of --resume to begin anew"
+"""Error for saved segments that are whole and of this run, and yet no run can go on from them."""
 
 
 def _finished(study: Study, out: Path, seed: int) -> Result | None:

@@ -13,7 +13,8 @@ from numpy.random import Generator
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import ResultError, SupportError, check_kind, check_seed
 from bayesterra.likelihood.posterior import REASONS, draw_cut_prior, likelihood_of, posterior
-from bayesterra.parameters import CHANNELS, OUTCOMES, in_order, whole_and_part
+from bayesterra.parameters import CHANNELS, OUTCOMES, PARAMETERS, in_order, whole_and_part
+from bayesterra.report.blocks import Overview, Table
 from bayesterra.runtime.folders import whole_folder, write_text
 from bayesterra.runtime.tables import csv_text
 from bayesterra.stats.laws import draw_population
@@ -82,6 +83,12 @@ def true_values(study: Study, assigned: Mapping[str, float | str] | None = None,
     for n in (n for n in own if n in stated and not n.endswith("]")):
         values[n], origins[n] = stated[n], "given" if n in chosen else "truth"
     return Truth(values, origins)
+
+
+def truth_overview(truth: Truth) -> Overview:
+    """Values that readings were simulated with, and where each comes from."""
+    rows = ((name, PARAMETERS[name].field_text(value), truth.origins[name]) for name, value in truth.values.items())
+    return (Table("Simulated with", "lll", ("parameter", "value", "from"), tuple(rows)),)
 
 
 def groups_of(study: Study) -> tuple[str, ...]:

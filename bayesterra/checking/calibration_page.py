@@ -61,8 +61,6 @@ def named(quantity: str) -> Markup:
 
 
 def _warning(calibration: Calibration) -> Markup:
-    if not calibration.failing:
-        return Markup("")
     tests = calibration.tests
     worst = tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4)
     return say("warning", listed(tendency(row) for row in worst.to_dict("records")))

@@ -155,18 +155,12 @@ class Validation:
     def from_record(cls, record: Mapping[str, Any]) -> Validation:
         """Read back from the content of a ``run.json``."""
         checks, prior, loo = (record.get(name) for name in ("predictive_checks", "prior_checks", "loo"))
-        return cls(
-            checks
-            and PredictiveChecks(
-                tuple(Check(**check) for check in checks["checks"]),
-                checks["overall"],
-                checks["replicates"],
-                (checks["effective"][0], checks["effective"][1]),
-            ),
-            prior and PriorChecks(tuple(PriorCheck(**check) for check in prior["checks"]), prior["overall"]),
-            loo and CrossValidation.from_record(loo),
-            record.get("levels"),
-        )
+        if checks:
+            each, (low, middle) = tuple(Check(**check) for check in checks["checks"]), checks["effective"]
+            checks = PredictiveChecks(each, checks["overall"], checks["replicates"], (low, middle))
+        if prior:
+            prior = PriorChecks(tuple(PriorCheck(**check) for check in prior["checks"]), prior["overall"])
+        return cls(checks, prior, loo and CrossValidation.from_record(loo), record.get("levels"))
 
 
 def validate(

@@ -43,7 +43,7 @@ def design_page(design: Design) -> VerdictPage:
             f"from {len(design.situation.draws)} draws of the {design.situation.source}",
             *([design.situation.basis] if design.situation.basis else []),
         ),
-        warning=_warning(design),
+        warning=say("warning", 1 - design.together[-1].answered, UNANSWERED),
         verdicts=(_next(design), _promise(design), _certainty(design)),
         sections=(
             Section("ranking", "Ranking", _ranking_section(design)),
@@ -53,13 +53,6 @@ def design_page(design: Design) -> VerdictPage:
         version=version("bayesterra"),
         template="design.html",
     )
-
-
-def _warning(design: Design) -> Markup:
-    lost = 1 - design.together[-1].answered
-    if lost <= UNANSWERED:
-        return Markup("")
-    return say("warning", f"{100 * lost:.0f}")
 
 
 def words(candidate: Candidate) -> str:

@@ -257,13 +257,9 @@ def _apart(joint: JointPosterior, converged: bool, alone: Sequence[tuple[Weighed
         log_z += evidence.log_z - shares.whole
         variance += evidence.error**2 + shares.error**2
         reliable &= evidence.reliable
-        entries.append(
-            {
-                "pooling": NONE, "what": "group", "label": group, "elpd": evidence.log_z - shares.whole,
-                "error": float(np.hypot(evidence.error, shares.error)), "k": evidence.k_hat,
-                "reliable": evidence.reliable,
-            }
-        )  # fmt: skip
+        error = float(np.hypot(evidence.error, shares.error))
+        own_group = {"label": group, "elpd": evidence.log_z - shares.whole, "error": error, "k": evidence.k_hat}
+        entries.append({"pooling": NONE, "what": "group", **own_group, "reliable": evidence.reliable})
         rows = own.likelihood.observations.rows
         entries += [_entry(NONE, "row", row, weighed.left_out(0, i)) for i, row in enumerate(rows)]
     error, table = float(np.sqrt(variance)), pd.DataFrame(entries)

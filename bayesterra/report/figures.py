@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, wraps
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import PARAMETERS, Channel, Parameter, whole_and_part
+from bayesterra.runtime.reading import MEGABYTE, read_text
 
 POSTERIOR = "#0072B2"
 PRIOR = "#8A8A8A"
@@ -33,29 +35,19 @@ PROBABILITIES = (0.5, 0.9)
 
 @dataclass(frozen=True)
 class Mark:
-    """Mark of a point estimate, the same in all figures."""
+    """Mark of a point estimate, the same in all figures; ``line`` and ``sign`` say its look in a sentence."""
 
     label: str
     colour: str
     marker: str
-    dashes: tuple[float, ...] = ()
+    dashes: Sequence[float] = ()
     hollow: bool = False
+    line: str = ""
+    sign: str = ""
 
 
-MARKS = {
-    "conditional": Mark("mode, held", "#0072B2", "v"),
-    "IM1": Mark("IM1", "#D55E00", "^", (6.0, 2.0)),
-    "IM2": Mark("IM2", "#009E73", "s", (2.0, 1.5)),
-    "IM3": Mark("IM3", "#CC79A7", "D", (6.0, 2.0, 1.5, 2.0)),
-    "IM1 lsqcurvefit": Mark("IM1 lsqcurvefit", "#D55E00", "p", (1.0, 1.0)),
-    "IM2 lsqcurvefit": Mark("IM2 lsqcurvefit", "#009E73", "P", (1.0, 1.0)),
-    "IM3 lsqcurvefit": Mark("IM3 lsqcurvefit", "#CC79A7", "d", (1.0, 1.0)),
-    "joint": Mark("joint", "#E69F00", "X", (3.0, 2.0)),
-    "regression": Mark("lines", "#D55E00", "^", (6.0, 2.0)),
-    "nonlinear": Mark("one fit", "#E69F00", "X", (3.0, 2.0)),
-    "published": Mark("published", DATA, "o", hollow=True),
-    "truth": Mark("truth", DATA, "o", hollow=True),
-}
+_MARKS = tomllib.loads(read_text(Path(__file__).with_name("marks.toml"), MEGABYTE))
+MARKS = {name: Mark(**look) for name, look in _MARKS.items()}
 
 P = ParamSpec("P")
 R = TypeVar("R")

@@ -31,7 +31,7 @@ and NotImplementedError under it."""
 
 
 @contextmanager
-def damage(kind: type[BayesterraError], place: object) -> Iterator[None]:
+def damage(kind: type[BayesterraError], place: object, said: str = "'{}' is damaged: {}") -> Iterator[None]:
     """Turn whatever reading a damaged file raises into one line of the given kind: ``'<place>' is damaged``.
 
     Only for content that a program wrote: what a person wrote deserves to hear what is wrong with it.
@@ -41,7 +41,7 @@ def damage(kind: type[BayesterraError], place: object) -> Iterator[None]:
     except BayesterraError:
         raise
     except UNREADABLE as error:
-        raise kind(f"'{place}' is damaged: {reason(error)}") from error
+        raise kind(said.format(place, reason(error))) from error
 
 
 def reason(error: BaseException) -> str:

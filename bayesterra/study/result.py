@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import platform
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -324,11 +324,6 @@ def left_out_dataset(study: Study) -> xr.Dataset:
     return of_rows(both.assign_attrs(kind=study.kind), ~study.observations.use)
 
 
-def soil_columns(names: tuple[str, ...]) -> list[str]:
-    """Those of ``names`` that are parameters of a model."""
-    return [name for name in names if name in parameters.MODEL_PARAMETERS]
-
-
 @dataclass(frozen=True)
 class SummaryRow:
     """A row of the summary, field units."""
@@ -464,23 +459,16 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
-def origin(title: str, kind: str, source: str, seed: int, notes: Sequence[str]) -> dict[str, Any]:
-    """Content of an :class:`OriginRecord`."""
-    return {
-        "title": title,
-        "kind": kind,
-        "source": source,
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": versions(),
-        "seed": seed,
-        "notes": list(notes),
-    }
-
-
 def _origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
-        **origin(study.title, study.kind, study.source, seed, (*study.warnings, *study.notes)),
+        "title": study.title,
+        "kind": study.kind,
+        "source": study.source,
+        "made": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": versions(),
+        "seed": seed,
+        "notes": [*study.warnings, *study.notes],
         "machine": f"{platform.system()} {platform.machine()}",
         "model": study.model.name if study.wheels else "",
         "drive": study.drive if study.wheels else "",

@@ -7,9 +7,9 @@ import pytest
 
 from bayesterra.__main__ import main
 from bayesterra.analysis.simulation import simulate, true_values, write_simulated
-from bayesterra.analysis.terminal import study_overview
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.joint import joint_posterior
+from bayesterra.likelihood.page import study_overview
 from bayesterra.report.blocks import Table
 from bayesterra.report.terminal import show
 from bayesterra.study.canonical import write_study

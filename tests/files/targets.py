@@ -24,12 +24,12 @@ import xarray as xr
 
 from bayesterra.analysis import result as run_results
 from bayesterra.analysis.result import check_draws, read_pooled, read_result
-from bayesterra.analysis.terminal import study_overview
 from bayesterra.checking.calibration import Outcome
 from bayesterra.errors import BayesterraError, ResultError
 from bayesterra.follow.rows import read_row
 from bayesterra.follow.session import rows_of
 from bayesterra.follow.stream import State, load_stream
+from bayesterra.likelihood.page import study_overview
 from bayesterra.prediction.prediction import predict
 from bayesterra.prediction.rover import read_rover
 from bayesterra.report.terminal import PlainConsole, show

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 
 from bayesterra.analysis.simulation import simulate, write_simulated
-from bayesterra.analysis.terminal import study_overview
 from bayesterra.errors import StudyError
 from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.page import study_overview
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.report.terminal import show
 from bayesterra.runtime.checkpoints import digest

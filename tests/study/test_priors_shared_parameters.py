@@ -10,11 +10,11 @@ import pandas as pd
 import pytest
 
 from bayesterra.analysis.simulation import simulate, true_values
-from bayesterra.analysis.terminal import study_overview
 from bayesterra.checking.predictive import predict_rows
 from bayesterra.errors import StudyError
 from bayesterra.least_squares.fit import fit
 from bayesterra.likelihood.forward import soil_at
+from bayesterra.likelihood.page import study_overview
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import Wheel
 from bayesterra.parameters import PRIOR_PARAMETERS, SOIL_PARAMETERS

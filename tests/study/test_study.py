@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayesterra.analysis.terminal import study_overview
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.page import study_overview
 from bayesterra.models import M1, M2, MODELS, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.report.terminal import show
