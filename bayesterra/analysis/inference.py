@@ -15,7 +15,14 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.analysis.result import PriorResult, RunResult, curves_dataset, draws_tree, predictions_dataset
 from bayesterra.arrays import FloatArray
-from bayesterra.checking import predictive
+from bayesterra.checking.predictive import (
+    RowPredictions,
+    no_rows,
+    predict_at_read_loads,
+    predict_curves,
+    predict_rows,
+    predictive_table,
+)
 from bayesterra.checking.soil_tests import new_tests
 from bayesterra.checking.validation import Validation, validate
 from bayesterra.errors import check_kind, check_seed
@@ -146,10 +153,8 @@ class Analysis:
         if self.study.drive.latent_load:
             before = failures.attempt(
                 "prior_predictive",
-                lambda: predictive.predict_at_read_loads(
-                    self.study, self.posterior, self.prior.x, default_rng(loading)
-                ),
-                lambda: predictive.no_rows(self.study, len(self.prior.x)),
+                lambda: predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading)),
+                lambda: no_rows(self.study, len(self.prior.x)),
             )
         standings = failures.attempt(
             "standings",
@@ -187,7 +192,7 @@ class Analysis:
         seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
         found = RunResult(
             study=self.study, draws=draws, summary=summary, least_squares=self.least_squares(standings),
-            identifiability=table, predictive=predictive.predictive_table(self.study, rows),
+            identifiability=table, predictive=predictive_table(self.study, rows),
             new_tests=tested.table if tested else pd.DataFrame(), bands=tested.bands if tested else pd.DataFrame(),
             record=with_failures(result.run_record(self.study, seed, findings, seconds), failures),
         )  # fmt: skip
@@ -217,24 +222,24 @@ class Analysis:
 
         return verdicts.table, self.failures.attempt("directions", directions, dict[str, Any])
 
-    def _rows(self, x: FloatArray, rng: Generator, *, before: bool = False) -> predictive.RowPredictions:
+    def _rows(self, x: FloatArray, rng: Generator, *, before: bool = False) -> RowPredictions:
         """Readings of all rows that parameter sets (n, d) predict."""
         if not self.posterior.driven:
-            return predictive.no_rows(self.study, len(x))
+            return no_rows(self.study, len(x))
         return self.failures.attempt(
             "prior_predictive" if before else "posterior_predictive",
-            lambda: predictive.predict_rows(self.study, self.posterior, x, rng, before=before),
-            lambda: predictive.no_rows(self.study, len(x)),
+            lambda: predict_rows(self.study, self.posterior, x, rng, before=before),
+            lambda: no_rows(self.study, len(x)),
         )
 
-    def _draws(self, rows: predictive.RowPredictions, before: predictive.RowPredictions, rng: Generator) -> xr.DataTree:
+    def _draws(self, rows: RowPredictions, before: RowPredictions, rng: Generator) -> xr.DataTree:
         shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])
         by_chain = replace(rows, modelled=rows.modelled.reshape(shape), readings=rows.readings.reshape(shape))
         predictions = {"prior_predictive": before, "posterior_predictive": by_chain}
         kept = self.kept
 
         def curves() -> xr.Dataset:
-            return curves_dataset(predictive.predict_curves(self.study, self.posterior, kept.spaced(CURVE_DRAWS), rng))
+            return curves_dataset(predict_curves(self.study, self.posterior, kept.spaced(CURVE_DRAWS), rng))
 
         return draws_tree(
             self.study, self.posterior, kept.chains, kept.labels, self.prior.x, predictions,
@@ -331,12 +336,12 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     without_wheels(study, "run --prior-only")
     predictions = failures.attempt(
         "prior_predictive",
-        lambda: predictive.predict_rows(study, target, cut.x, predicting, before=True),
-        lambda: predictive.no_rows(study, len(cut.x)),
+        lambda: predict_rows(study, target, cut.x, predicting, before=True),
+        lambda: no_rows(study, len(cut.x)),
     )
     curves = failures.attempt(
         "curves",
-        lambda: {"curves": curves_dataset(predictive.predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting))},
+        lambda: {"curves": curves_dataset(predict_curves(study, target, cut.x[:CURVE_DRAWS], predicting))},
         dict[str, xr.Dataset],
     )
     groups = {
@@ -350,7 +355,7 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
         study=study,
         draws=labelled_tree(groups),
         summary=_summary(study, cut.x, failures),
-        predictive=predictive.predictive_table(study, predictions),
+        predictive=predictive_table(study, predictions),
         record=with_failures(record, failures),
     )
 
