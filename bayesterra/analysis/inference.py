@@ -352,12 +352,9 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     }
     record = result.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)})
     return PriorResult(
-        study=study,
-        draws=labelled_tree(groups),
-        summary=_summary(study, cut.x, failures),
-        predictive=predictive_table(study, predictions),
-        record=with_failures(record, failures),
-    )
+        study=study, draws=labelled_tree(groups), summary=_summary(study, cut.x, failures),
+        predictive=predictive_table(study, predictions), record=with_failures(record, failures),
+    )  # fmt: skip
 
 
 def _summary(study: Study, x: FloatArray, failures: Failures) -> pd.DataFrame:

@@ -19,7 +19,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.ranks import CONVERGED, DRAWS, FAILED, UNCONVERGED, Calibration, normalised_rank
-from bayesterra.checking.short_runs import FAILURES, Fit, Fitted, settings_of, short_runs
+from bayesterra.checking.short_runs import FAILURES, Fit, settings_of, short_runs
 from bayesterra.errors import ResultError, StudyError, SupportError, check_kind, check_number, check_seed
 from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
 from bayesterra.likelihood.joint import Whole, draw_joint_prior, joint_posterior, name_in_group, whole_posterior
@@ -135,7 +135,9 @@ class Replication:
         truth, simulated = replicated(self.study, default_rng(making))
         try:
             fitted = self.fit(simulated, fitting)
-            ranks = _ranks(simulated, truth, fitted, default_rng(ranking))
+            rng = default_rng(ranking)
+            values = quantities(whole_posterior(simulated), np.concatenate([truth, spaced(fitted.draws, rng)]))
+            ranks = {name: normalised_rank(column[0], column[1:], rng) for name, column in values.items()}
         except FAILURES as error:
             names = quantity_names(self.study)
             note, nothing = f"{type(error).__name__}: {error}", float("nan")
@@ -196,12 +198,6 @@ def _truths(study: Study) -> Callable[[Generator], FloatArray]:
         return lambda rng: draw_cut_prior(alone, 1, rng, batch=_BATCH).x
     joint = joint_posterior(study)
     return lambda rng: draw_joint_prior(joint, 1, rng, batch=_BATCH, most=None)
-
-
-def _ranks(study: Study, truth: FloatArray, fitted: Fitted, rng: Generator) -> dict[str, float]:
-    draws = spaced(fitted.draws, rng)
-    values = quantities(whole_posterior(study), np.concatenate([truth, draws]))
-    return {name: normalised_rank(column[0], column[1:], rng) for name, column in values.items()}
 
 
 def spaced(draws: FloatArray, rng: Generator) -> FloatArray:

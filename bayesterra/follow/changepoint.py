@@ -98,13 +98,9 @@ class Candidates:
 
     def joined(self, row: int, mean: FloatArray, covariance: FloatArray) -> Candidates:
         """One candidate more, with B = 1."""
-        return Candidates(
-            np.append(self.since, row),
-            np.append(self.log_factors, 0.0),
-            np.append(self.log_sober, 0.0),
-            np.vstack([self.means, mean]),
-            np.concatenate([self.covariances, covariance[None]]),
-        )
+        since, levels = np.append(self.since, row), (np.append(of, 0.0) for of in (self.log_factors, self.log_sober))
+        covariances = np.concatenate([self.covariances, covariance[None]])
+        return Candidates(since, *levels, np.vstack([self.means, mean]), covariances)
 
     def pruned(self) -> Candidates:
         """At most ``MOST`` of them; those without any hope are left out too."""
@@ -177,13 +173,9 @@ class Basis:
         covariances = candidates.covariances - gain @ expected @ np.swapaxes(gain, 1, 2)
         density = np.where(alive, _log_normal(residual, expected), -np.inf)
         odd = np.logaddexp(np.log1p(-ODD) + log_predictive, np.log(ODD) + density[-1])
-        return Candidates(
-            candidates.since,
-            candidates.log_factors + density - log_predictive,
-            candidates.log_sober + density - odd,
-            candidates.means + np.einsum("hij,hj->hi", gain, residual),
-            0.5 * (covariances + np.swapaxes(covariances, 1, 2)),
-        )
+        factors, sober = candidates.log_factors + density - log_predictive, candidates.log_sober + density - odd
+        means = candidates.means + np.einsum("hij,hj->hi", gain, residual)
+        return Candidates(candidates.since, factors, sober, means, 0.5 * (covariances + np.swapaxes(covariances, 1, 2)))
 
     def _predicted(
         self, u: FloatArray, row: Likelihood, read: BoolArray, h: int

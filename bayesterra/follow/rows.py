@@ -239,13 +239,8 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
     standard = (observed - predicted[answered]) / scale[answered]
     share = weights[answered] / weights[answered].sum()
     scores = [law.tails.normal_score(standard[:, 0, i]) for i, law in enumerate(newest.noise)]
-    return Forecast(
-        newest.channels,
-        observed,
-        weighted_quantiles(readings[answered], share, BAND),
-        np.array([share @ ndtr(score) for score in scores]),
-        float(1.0 - weights[answered].sum()),
-    )
+    quantiles, pit = weighted_quantiles(readings[answered], share, BAND), [share @ ndtr(score) for score in scores]
+    return Forecast(newest.channels, observed, quantiles, np.array(pit), float(1.0 - weights[answered].sum()))
 
 
 @dataclass(frozen=True)

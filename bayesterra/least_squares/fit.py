@@ -11,19 +11,10 @@ import pandas as pd
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError, check_kind
+from bayesterra.least_squares import settings as setup
 from bayesterra.least_squares.groupwise import Passes, Plan, decoupled_steps, integral_steps, iterate, one_pass, plan
 from bayesterra.least_squares.joint import JointFit, fit_joint
 from bayesterra.least_squares.results import FORCES, METHODS, SOLVERS, Fit
-from bayesterra.least_squares.settings import (
-    Overrides,
-    Readings,
-    Settings,
-    iteration_settings,
-    joint_settings,
-    known_offset,
-    readings,
-    weighted_target,
-)
 from bayesterra.least_squares.solver import Clip, clip
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1
@@ -69,7 +60,7 @@ def fit(
     check_kind("bt.fit", study, Study)
     without_wheels(study, "fit")
     study = study.with_rows(study.observations.numbers())  # a limit has no residual
-    overrides = Overrides(hold, start, lower, upper, delta)
+    overrides = setup.Overrides(hold, start, lower, upper, delta)
     methods = _known_methods(study) if methods is None else methods
     solvers = study.least_squares.solvers if solvers is None else solvers
     if not methods:
@@ -126,7 +117,7 @@ def fit_from_starts(study: Study) -> pd.DataFrame:
     no such method is asked for or can run.
     """
     methods = [method for method in _known_methods(study) if method != "joint"][:1]
-    settings = iteration_settings(study, Overrides())
+    settings = setup.iteration_settings(study, setup.Overrides())
     rows = []
     for name in (name for name in STARTS if methods and name not in settings.held):
         column, scale = SOIL_PARAMETERS.index(name), PARAMETERS[name].scale
@@ -139,12 +130,12 @@ def fit_from_starts(study: Study) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["method", "parameter", "start", "own", *SOLVERS])
 
 
-def _fit_groups(method: str, study: Study, overrides: Overrides) -> Fit:
+def _fit_groups(method: str, study: Study, overrides: setup.Overrides) -> Fit:
     """IM1, IM2 or IM3."""
     if _has_load_effect(study):
         raise StudyError(f"{method} knows no load effect: with the model {study.model.name} only joint fits")
     began = perf_counter()
-    settings, rows = iteration_settings(study, overrides), readings(study)
+    settings, rows = setup.iteration_settings(study, overrides), setup.readings(study)
     if method == "IM1":
         steps = integral_steps(rows, M1(**{each.name: getattr(study.model, each.name) for each in fields(M1)}))
     else:
@@ -164,7 +155,7 @@ def _fit_groups(method: str, study: Study, overrides: Overrides) -> Fit:
     )  # fmt: skip
 
 
-def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
+def _passes(method: str, todo: Plan, settings: setup.Settings) -> Passes:
     if not todo.steps:  # all held, so that the values are only judged, or nothing measured to fit them to
         held = bool(todo.judged) and not todo.missing
         return Passes((settings.start,) if held else (), converged=held, rested=True)
@@ -173,9 +164,9 @@ def _passes(method: str, todo: Plan, settings: Settings) -> Passes:
     return one_pass(todo, settings.start, settings, first=False)
 
 
-def _fit_joint(method: str, study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> Fit:
+def _fit_joint(method: str, study: Study, overrides: setup.Overrides, fits: Mapping[str, Fit]) -> Fit:
     began = perf_counter()
-    settings, density = joint_settings(study, overrides), weighted_target(study)
+    settings, density = setup.joint_settings(study, overrides), setup.weighted_target(study)
     joint_fit = fit_joint(density, settings, _other_results(study, overrides, fits))
     theta = joint_fit.best.theta
     drive = density.likelihood.forward
@@ -213,12 +204,12 @@ def _stand_ins(study: Study) -> tuple[str, ...]:
 
 
 def _offset_note(study: Study) -> tuple[str, ...]:
-    offset = known_offset(study)
+    offset = setup.known_offset(study)
     stated = OFFSET in study.prior.entries
     return (f"the sinkage offset stands at {1e3 * offset:.3g} mm",) if stated else ()
 
 
-def _other_results(study: Study, overrides: Overrides, fits: Mapping[str, Fit]) -> list[FloatArray]:
+def _other_results(study: Study, overrides: setup.Overrides, fits: Mapping[str, Fit]) -> list[FloatArray]:
     """Results of IM1, IM2 and IM3 as starts, where the data allow them."""
     starts = []
     for method in ("IM1", "IM2", "IM3"):
@@ -235,7 +226,7 @@ def _clipped(method: str, theta: FloatArray, slip: FloatArray) -> bool:
     return clipped.any if method == "IM1" else bool(np.any(clipped.angle))
 
 
-def _notes(method: str, todo: Plan, passes: Passes, rows: Readings, theta: FloatArray) -> tuple[str, ...]:
+def _notes(method: str, todo: Plan, passes: Passes, rows: setup.Readings, theta: FloatArray) -> tuple[str, ...]:
     notes = list(todo.notes)
     if rows.left_out:
         notes.append(f"{rows.left_out} row(s) without a sinkage between 0 and the radius are left out")

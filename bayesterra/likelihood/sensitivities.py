@@ -122,13 +122,9 @@ def _with_normal_force(
     place, answered = outcomes.index("normal_force"), np.isfinite(values[:, :, SINKAGE])
     force = np.where(answered, loads, np.nan)
     zero = np.where(answered[..., None], np.zeros(slopes.shape[-1]), np.nan)
-    return Sensitivities(
-        posterior.names,
-        outcomes,
-        np.insert(values, place, force, axis=2),
-        np.insert(slopes, place, zero, axis=2),
-        np.insert(by_load, place, np.where(answered, 1.0, np.nan), axis=2),
-    )
+    one = np.where(answered, 1.0, np.nan)
+    parts = (np.insert(of, place, own, axis=2) for of, own in ((values, force), (slopes, zero), (by_load, one)))
+    return Sensitivities(posterior.names, outcomes, *parts)
 
 
 def read_where(posterior: Whole, channels: Sequence[str] | None = None) -> list[BoolArray]:

@@ -346,13 +346,8 @@ class Weighed:
         flat, left = whole.ravel(), np.where(np.isnan(without), -np.inf, without).ravel()
         log_z, log_left = map(log_mean, (flat, left))
         deviation = np.exp(flat - log_z) - np.exp(left - log_left)
-        finite = left[np.isfinite(left)]
-        return LeftOutShare(
-            float(log_z - log_left),
-            float(deviation.std() / np.sqrt(flat.size)),
-            pareto_smoothed(finite)[1],
-            pareto_limit(flat.size),
-        )
+        k, error = pareto_smoothed(left[np.isfinite(left)])[1], float(deviation.std() / np.sqrt(flat.size))
+        return LeftOutShare(float(log_z - log_left), error, k, pareto_limit(flat.size))
 
 
 @dataclass(frozen=True)

@@ -253,14 +253,10 @@ def run_pooled(
         findings |= failures.attempt("crosscheck", against, dict[str, Any])
     seconds = {**samples.seconds, "total": time.perf_counter() - started}
     return PooledResult(
-        study=study,
-        draws=draws,
-        summary=summary,
-        pooling=table,
-        sharing=shares,
+        study=study, draws=draws, summary=summary, pooling=table, sharing=shares,
         left_out=pd.concat(lost, ignore_index=True),
         record=with_failures(result.run_record(study, seed, findings, seconds), failures),
-    )
+    )  # fmt: skip
 
 
 def shared_or_not(evidences: Evidences) -> tuple[Sharing, ...]:

@@ -39,7 +39,6 @@ UNANSWERED = 0.05
 """Share of draws without an answer from which a band is marked."""
 PREDICTED: dict[str, Channel] = {**{name: CHANNELS[name] for name in Drive.LOAD.outcomes}, EFFICIENCY.name: EFFICIENCY}
 """Outcomes that are predicted, the last axis of predictions."""
-_MODELLED, _READING = "modelled", "reading"
 
 
 @dataclass(frozen=True)
@@ -219,8 +218,8 @@ class Prediction(Predicted):
 
     def _row(self, i: int, name: str) -> dict[str, object]:
         outcome, column = PREDICTED[name], list(PREDICTED).index(name)
-        modelled = quantile_columns(self.modelled[:, i, column], outcome.scale, f"{_MODELLED}_")
-        readings = quantile_columns(self.readings[:, i, column], outcome.scale, f"{_READING}_")
+        modelled = quantile_columns(self.modelled[:, i, column], outcome.scale, "modelled_")
+        readings = quantile_columns(self.readings[:, i, column], outcome.scale, "reading_")
         codes, counts = np.unique(self.reasons[:, i][self.reasons[:, i] != 0], return_counts=True)
         return {
             "wheel": self.name,
@@ -263,7 +262,7 @@ class Prediction(Predicted):
         }
         for column, (name, outcome) in enumerate(PREDICTED.items()):
             unit = "" if outcome.unit == "-" else f" [{outcome.unit}]"
-            for kind, values in (("", self.modelled), ("_" + _READING, self.readings)):
+            for kind, values in (("", self.modelled), ("_reading", self.readings)):
                 if not np.isnan(values[:, :, column]).all():
                     columns[f"{name}{kind}{unit}"] = values[:, :, column].ravel() / outcome.scale
         return pd.DataFrame(columns)

@@ -101,9 +101,7 @@ def hold_to_one_thread() -> None:
 
 def usable_processors() -> int:
     """Number of processors that this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 class InProcess(Engine):
@@ -231,8 +229,7 @@ def _end_with_parent() -> None:
 AHEAD = 2
 """Tasks handed over per worker, the one at work included: an interrupted run has little to wait for."""
 PATIENCE = 4.0
-"""Seconds for which short tasks are computed here, before workers are started for the rest: about what
-starting them costs."""
+"""Seconds for which short tasks are computed here before workers are started, about what starting them costs."""
 GLANCE = 1.0
 """Seconds after which the number of workers is asked for again, without an outcome or of a cluster."""
 

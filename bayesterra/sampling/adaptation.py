@@ -305,15 +305,13 @@ def add_components(
     points = _Points.of(proposal, mixture, evaluated.u, evaluated.level)
     for _ in range(components):
         component = points.component()
-        mixture = mixtures.StudentMixture(
-            np.append(mixture.weights, share),
-            np.vstack([mixture.means, component.means]),
-            np.concatenate([mixture.factors, component.factors]),
-            mixture.dof,
-        )
+        weights, means = np.append(mixture.weights, share), np.vstack([mixture.means, component.means])
+        factors = np.concatenate([mixture.factors, component.factors])
+        mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
         u, _ = straight.forward(component.sample(draws, rng))
         fresh = _Points.of(proposal, mixture, u, evaluated.log_target(u))
-        points = points.with_component(component, share).joined(fresh)
+        grown = np.logaddexp(points.log_proposal, np.log(share) + component.log_density(points.v))
+        points = replace(points, log_proposal=grown).joined(fresh)
     return Proposal(straight, mixture)
 
 
@@ -347,14 +345,6 @@ class _Points:
         factor = WIDENING * mixtures.root(covariance)
         return mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
 
-    def with_component(self, component: mixtures.StudentMixture, share: float) -> _Points:
-        grown = np.logaddexp(self.log_proposal, np.log(share) + component.log_density(self.v))
-        return _Points(self.v, self.log_target, grown, self.dof)
-
     def joined(self, more: _Points) -> _Points:
-        return _Points(
-            np.concatenate([self.v, more.v]),
-            np.concatenate([self.log_target, more.log_target]),
-            np.concatenate([self.log_proposal, more.log_proposal]),
-            self.dof,
-        )
+        parts = ((self.v, more.v), (self.log_target, more.log_target), (self.log_proposal, more.log_proposal))
+        return _Points(*map(np.concatenate, parts), self.dof)

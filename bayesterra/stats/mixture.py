@@ -265,12 +265,9 @@ def with_defensive_component(
     weights = weights / weights.sum()
     centre = weights @ u
     factor = 1.3 * root(_spread(u - centre, weights))
-    return StudentMixture(
-        np.append((1 - share) * mixture.weights, share),
-        np.vstack([mixture.means, centre]),
-        np.concatenate([mixture.factors, factor[None]]),
-        mixture.dof,
-    )
+    factors = np.concatenate([mixture.factors, factor[None]])
+    grown = np.append((1 - share) * mixture.weights, share), np.vstack([mixture.means, centre])
+    return StudentMixture(*grown, factors, mixture.dof)
 
 
 def root(covariance: FloatArray) -> FloatArray:
