@@ -98,9 +98,9 @@ class Candidates:
 
     def joined(self, row: int, mean: FloatArray, covariance: FloatArray) -> Candidates:
         """One candidate more, with B = 1."""
-        since, levels = np.append(self.since, row), (np.append(of, 0.0) for of in (self.log_factors, self.log_sober))
-        covariances = np.concatenate([self.covariances, covariance[None]])
-        return Candidates(since, *levels, np.vstack([self.means, mean]), covariances)
+        factors, sober = (np.append(of, 0.0) for of in (self.log_factors, self.log_sober))
+        means, covariances = np.vstack([self.means, mean]), np.concatenate([self.covariances, covariance[None]])
+        return Candidates(np.append(self.since, row), factors, sober, means, covariances)
 
     def pruned(self) -> Candidates:
         """At most ``MOST`` of them; those without any hope are left out too."""

@@ -347,4 +347,5 @@ class _Points:
 
     def joined(self, more: _Points) -> _Points:
         parts = ((self.v, more.v), (self.log_target, more.log_target), (self.log_proposal, more.log_proposal))
-        return _Points(*map(np.concatenate, parts), self.dof)
+        v, log_target, log_proposal = (np.concatenate(part) for part in parts)
+        return _Points(v, log_target, log_proposal, self.dof)

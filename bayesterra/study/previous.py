@@ -250,9 +250,13 @@ def _law(
     scores = np.concatenate([-beyond[::-1], [0.0], beyond])
     values = [float(f"{value:.6g}") for value in np.quantile(draws, ndtr(scores))]
     with errors_after(f"draws of '{there}' make no law: "):
-        lower, upper = max(low, physical[0]), min(high, physical[1])
-        scored = {"scores": tuple(scores.tolist()), "values": tuple(values)}
-        return QuantileLaw(lower=lower, upper=upper, source=text, **scored)
+        return QuantileLaw(
+            lower=max(low, physical[0]),
+            upper=min(high, physical[1]),
+            source=text,
+            scores=tuple(scores.tolist()),
+            values=tuple(values),
+        )
 
 
 def _fidelity(names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, size: float) -> Fidelity:
