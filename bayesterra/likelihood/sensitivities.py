@@ -122,9 +122,10 @@ def _with_normal_force(
     place, answered = outcomes.index("normal_force"), np.isfinite(values[:, :, SINKAGE])
     force = np.where(answered, loads, np.nan)
     zero = np.where(answered[..., None], np.zeros(slopes.shape[-1]), np.nan)
-    one = np.where(answered, 1.0, np.nan)
-    parts = (np.insert(of, place, own, axis=2) for of, own in ((values, force), (slopes, zero), (by_load, one)))
-    return Sensitivities(posterior.names, outcomes, *parts)
+    rate = np.where(answered, 1.0, np.nan)
+    columns = ((values, force), (slopes, zero), (by_load, rate))
+    filled = (np.insert(whole, place, column, axis=2) for whole, column in columns)
+    return Sensitivities(posterior.names, outcomes, *filled)
 
 
 def read_where(posterior: Whole, channels: Sequence[str] | None = None) -> list[BoolArray]:
