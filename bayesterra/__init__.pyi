@@ -26,6 +26,7 @@ from bayesterra.least_squares.fit import fit as fit
 from bayesterra.least_squares.results import Fit as Fit
 from bayesterra.likelihood.posterior import Posterior as Posterior
 from bayesterra.likelihood.posterior import posterior as posterior
+from bayesterra.models import ModelParameter as ModelParameter
 from bayesterra.models import Soil as Soil
 from bayesterra.models import Wheel as Wheel
 from bayesterra.prediction.outlook import predict_rover as predict_rover

@@ -19,12 +19,15 @@ from bayesterra.errors import BayesterraError
 # Click's base class of usage errors; newer typers bring their own click, so it is reached through typer.
 _UsageProblem: type[Exception] = typer.BadParameter.__mro__[2]
 
+ALLOW_CODE = "--allow-code"
 BUG, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without arguments it shows the help."""
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
+    if ALLOW_CODE in arguments:  # of all commands, wherever it stands
+        arguments = [ALLOW_CODE, *(each for each in arguments if each != ALLOW_CODE)]
     asked: list[int] = []
     try:
         with _signals_as_interruption(asked):

@@ -86,11 +86,19 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version.")
     ] = False,
+    allow_code: Annotated[
+        bool, flag("--allow-code", "Run the code that study files name as their model; with every command.")
+    ] = False,
 ) -> None:
-    """Options that need no command."""
+    """Options of all commands."""
+    if allow_code:
+        from bayesterra.study.own import allowing_code
+
+        context.with_resource(allowing_code())
 
 
 def show(result: AnalysisResult, folder: Path | None) -> None:
@@ -291,13 +299,17 @@ def export(
     tables: Annotated[str, option("F,F", "latex, csv; with no option at all: csv.")] = "",
     methods: Annotated[bool, flag("--methods", "What was done, in words: methods.txt.")] = False,
     bibtex: Annotated[bool, flag("--bibtex", "What these words cite: references.bib.")] = False,
-    to: Annotated[str, option("F,F", "Draws as csv or json, SI and radians.")] = "",
+    to: Annotated[str, option("F,F", "Draws as csv or json, SI and radians; soils for chrono-scm.")] = "",
+    slip: Annotated[
+        Texts, option("S,S", "Slips at which chrono-scm takes the exponent; else three driven ones.")
+    ] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-export.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
     """Write the report's figures and tables as files, a text on methods, references, and the draws."""
     from bayesterra.analysis.export import Export
     from bayesterra.analysis.run import load_result
+    from bayesterra.prediction.prediction import slips_of
 
     asked = {
         name: text.split(",") if text else [] for name, text in (("figures", figures), ("tables", tables), ("to", to))
@@ -305,7 +317,9 @@ def export(
     if not (any(asked.values()) or methods or bibtex):
         asked, methods, bibtex = {"figures": ["svg"], "tables": ["csv"], "to": []}, True, True
     folder = out or Path(f"{result.resolve().name.removesuffix('-result')}-export")
-    made = Export(result=load_result(result), asked=asked, methods=methods, bibtex=bibtex)
+    made = Export(
+        result=load_result(result), asked=asked, methods=methods, bibtex=bibtex, slips=tuple(slips_of(slip or ()))
+    )
     made.save(folder, overwrite=overwrite)
     show(made, folder)
 

@@ -84,8 +84,8 @@ OUTCOMES = ("sinkage", "normal_force", "drawbar_pull", "resistance_moment")
 SOIL_PARAMETERS, LOAD_EFFECT = tuple(_TABLES["soil"]), tuple(_TABLES["load_effect"])
 HELD = {"c3": 0.0}
 """Soil parameters that stay at a value unless a study frees them."""
-MODEL_PARAMETERS = (*SOIL_PARAMETERS, *LOAD_EFFECT)
-"""Every parameter that some model has, in the order of :attr:`bayesterra.models.M2L.parameters`."""
+MODEL_PARAMETERS = [*SOIL_PARAMETERS, *LOAD_EFFECT]
+"""Every parameter that some model has: those of :class:`bayesterra.models.M2L`, then those of models of one's own."""
 NOISE_PREFIX, DISCREPANCY_PREFIX, RIPPLE_PREFIX = "noise_", "discrepancy_", "ripple_"
 SLIP_ERROR = "slip_error"
 OFFSET = "sinkage_offset"
@@ -165,8 +165,29 @@ SoilColumns = IntEnum("SoilColumns", "Ks n0 n1 c phi K c1 c2 c3 kc kphi sinkage_
 Columns that a study does not use are NaN, its ``sinkage_offset`` is 0. Where k_c and k_φ are used, K_s is
 that of one wheel; see :func:`bayesterra.likelihood.forward.soil_at`.
 """
-PRIOR_PARAMETERS = tuple(SoilColumns.__members__)
-"""Parameters that the [priors] table may name."""
+PRIOR_PARAMETERS = list(SoilColumns.__members__)
+"""Parameters that the [priors] table may name, in the order of the columns of soil arrays."""
+
+
+def columns_of(names: Iterable[str]) -> list[int]:
+    """Columns of soil arrays in which parameters stand."""
+    return [PRIOR_PARAMETERS.index(name) for name in names]
+
+
+def register(parameter: Parameter) -> None:
+    """Let studies know a parameter that a model of one's own brings along.
+
+    Raises
+    ------
+    ValueError : its name already means something else.
+    """
+    name = parameter.name
+    if PARAMETERS.get(name, parameter) != parameter or (name in CHANNELS or name in DERIVED):
+        raise ValueError(f"the parameter '{name}' of a model has the name of another quantity: call it otherwise")
+    if name not in PARAMETERS:
+        PARAMETERS[name] = parameter
+        MODEL_PARAMETERS.append(name)
+        PRIOR_PARAMETERS.append(name)
 
 
 def soil_array(values: Mapping[str, ArrayLike]) -> FloatArray:

@@ -6,10 +6,12 @@ if __name__ != "bayesterra.models":  # the folder is importable under a second n
 from bayesterra.models.base import WheelSoilModel
 from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.forces import Components, Forces
+from bayesterra.models.forward import ForwardModel
 from bayesterra.models.integral import M1
 from bayesterra.models.linear import M2, M3
 from bayesterra.models.load_effect import M2L
-from bayesterra.models.soil import LOAD_EFFECT_FIELDS, SOIL_FIELDS, LoadEffectSoil, Soil
+from bayesterra.models.own import ModelParameter, OwnModel
+from bayesterra.models.soil import LOAD_EFFECT_FIELDS, RANGES, SOIL_FIELDS, LoadEffectSoil, Soil
 from bayesterra.models.wheel import Wheel
 
 MODELS: dict[str, type[WheelSoilModel]] = {"M1": M1, "M2": M2, "M3": M3, "M2L": M2L}
@@ -21,11 +23,15 @@ __all__ = [
     "M2L",
     "M3",
     "MODELS",
+    "RANGES",
     "SOIL_FIELDS",
     "Components",
     "Conditions",
     "Forces",
+    "ForwardModel",
     "LoadEffectSoil",
+    "ModelParameter",
+    "OwnModel",
     "Soil",
     "Status",
     "Wheel",

@@ -1,7 +1,8 @@
-"""Common parts of the models: checks, broadcasting, and the way to the compiled kernels."""
+"""Common parts of the models of Ding et al. 2015: checks, broadcasting, and the way to the compiled kernels."""
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
 from typing import ClassVar, Literal
 
 import numpy as np
@@ -11,6 +12,7 @@ from bayesterra.models.checks import FloatArray, as_floats, plain, require
 from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.contact import Contact
 from bayesterra.models.forces import SINKAGE, Components, Forces
+from bayesterra.models.forward import ForwardModel
 from bayesterra.models.geometry import SHEAR_STARTS, Floats, exponent, shear_start_radius
 from bayesterra.models.soil import LOAD_EFFECT_FIELDS, SOIL_FIELDS, LoadEffectSoil, Soil
 from bayesterra.models.wheel import Wheel
@@ -44,8 +46,8 @@ class _Pairs:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WheelSoilModel(ABC):
-    """A model from (soil, wheel, slip, sinkage) to forces, and from (soil, wheel, slip, load) to sinkage.
+class WheelSoilModel(ForwardModel):
+    """A model of Ding et al. 2015: M1, M2, M3 or M2L.
 
     Soil fields, slip, sinkage and load broadcast by NumPy's rules; results have the broadcast shape. Values
     outside the model's range raise ValueError. The methods ending in `_at` are the batch interface: parameter
@@ -61,9 +63,9 @@ class WheelSoilModel(ABC):
     """Leave slip out of the sinkage exponent: N = n0."""
 
     equations: ClassVar[str]
-    """The model in words, with its equations of Ding et al. 2015."""
+    compiled: ClassVar[bool] = True
+    source: ClassVar[str] = "Ding et al. 2015"
     parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
-    """Columns of the parameter sets (n, p) of the batch interface; M2L has four more."""
     _code: ClassVar[int]
 
     def __post_init__(self) -> None:
@@ -75,9 +77,29 @@ class WheelSoilModel(ABC):
             raise ValueError(f"'shear_start' must be one of {names} (got {self.shear_start!r})")
 
     @property
-    def name(self) -> str:
-        """The model's name, a key of `models.MODELS`."""
-        return type(self).__name__
+    def options(self) -> dict[str, object]:
+        """Options by name."""
+        return asdict(self)
+
+    @property
+    def holds(self) -> dict[str, float]:
+        """Parameters that the options hold: n1 at 0 where slip is left out of the exponent."""
+        return {"n1": 0.0} if self.constant_exponent else {}
+
+    def bends(self, conditions: Conditions) -> FloatArray:
+        """Transition slips (m, 2) of wheels with lugs."""
+        ends = np.broadcast_to(self.transition_slips, (len(conditions.slip), 2))
+        turning = (conditions.lug_height > 0) & (self.shear_start == "transition")
+        return np.where(turning[:, None], ends, np.nan)
+
+    def limits(self, conditions: Conditions) -> Iterator[tuple[Mapping[str, float], float]]:
+        """Contact angles inside (c3, 1), and exponents above 0, at the least and the greatest slip."""
+        slip, of_exponent = conditions.slip, self._exponent_slip(conditions.slip)
+        for s in {slip.min(), slip.max()}:
+            yield {"c1": 1.0, "c2": s, "c3": -1.0}, 0.0
+            yield {"c1": -1.0, "c2": -s}, -1.0
+        for s in {of_exponent.min(), of_exponent.max()}:
+            yield {"n0": 1.0, "n1": s}, 0.0
 
     def forces(self, soil: Soil, wheel: Wheel, slip: Floats, sinkage: Floats) -> Forces:
         """F_N, F_DP and M_DR at a sinkage in m, Ding et al. 2015, eq. (14), (24) or (25)."""
@@ -165,19 +187,13 @@ class WheelSoilModel(ABC):
             batch.parameters(theta, len(self.parameters)), self._rows(conditions), load, plan
         )
 
-    def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:
-        """Derivatives (n, m, 3, k) of a response under `load`, without what the solve leaves of 0."""
-        return slopes
-
-    def kernel_inputs(self, theta: ArrayLike, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
-        """Parameter sets (n, p) and rows (m, 6) as compiled code takes them; see `models.kernels`."""
+    def kernel_inputs(
+        self, theta: ArrayLike, conditions: Conditions
+    ) -> tuple[FloatArray, FloatArray, tuple[int, int, bool]]:
+        """See :class:`ForwardModel`: rows are (m, 6), and see `models.kernels` for what stands in them."""
         from bayesterra.models import batch
 
-        return batch.parameters(theta, len(self.parameters)), self._rows(conditions)
-
-    def plan(self, *, every_row: bool = False) -> tuple[int, int, bool]:
-        """Facts of the model that compiled code needs; see `forces_at` for `every_row`."""
-        return self._plan(every_row=every_row)
+        return batch.parameters(theta, len(self.parameters)), self._rows(conditions), self._plan(every_row=True)
 
     @abstractmethod
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[Floats, Floats]:

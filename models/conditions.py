@@ -26,6 +26,8 @@ class Status(IntEnum):
     """The sinkage does not lie inside (0, r)."""
     NORMAL_FORCE = 5
     """With c_M < 0, eq. (42) has no normal force at this sinkage."""
+    NO_ANSWER = 6
+    """A model of one's own has no finite forces."""
 
 
 @dataclass(frozen=True)

@@ -66,6 +66,8 @@ class LoadEffectSoil(Soil):
 
 SOIL_FIELDS = tuple(field.name for field in fields(Soil))
 LOAD_EFFECT_FIELDS = tuple(field.name for field in fields(LoadEffectSoil))[len(SOIL_FIELDS) :]
+RANGES = {"Ks": (0.0, np.inf), "c": (0.0, np.inf), "phi": (0.0, np.pi / 2), "K": (0.0, np.inf)}
+"""Physical ranges by name, SI; other parameters may take any value."""
 _RULES = {  # lowest value, whether it is excluded, the rule in words
     "Ks": (0.0, True, "must be positive"),
     "K": (0.0, True, "must be positive"),

@@ -48,10 +48,10 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from bayesterra.models.base import WheelSoilModel
 from bayesterra.models.checks import BoolArray, FloatArray, IntArray
 from bayesterra.models.conditions import Conditions, Status
 from bayesterra.models.forces import DRAWBAR_PULL
+from bayesterra.models.forward import ForwardModel
 from bayesterra.models.wheel import Wheel
 
 SETTLED = 1e-11
@@ -176,7 +176,7 @@ class Ground(Protocol):
 class SoftGround:
     """Soils through a model: its parameters (n, k) under the wheels of each axle."""
 
-    model: WheelSoilModel
+    model: ForwardModel
     wheels: tuple[Wheel, Wheel]
     parameters: tuple[FloatArray, FloatArray]
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayesterra.models.base import WheelSoilModel
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.conditions import Conditions
 from bayesterra.models.forces import DRAWBAR_PULL, RESISTANCE_MOMENT
+from bayesterra.models.forward import ForwardModel
 from bayesterra.models.wheel import Wheel
 
 SLIP_GRID = np.linspace(0.02, 0.8, 40)
 
 
-def traction(model: WheelSoilModel, wheel: Wheel, load: float, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+def traction(model: ForwardModel, wheel: Wheel, load: float, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Drawbar pull and efficiency (n, slips) of a wheel under ``load`` (N) over ``SLIP_GRID``.
 
     ``parameters`` (n, k) are those of the model. NaN where it has no answer, and where the load is not known.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import subprocess
 import sys
@@ -37,7 +36,6 @@ WARMING = "BAYESTERRA_TESTS_WARMING"
 
 def pytest_configure(config: pytest.Config) -> None:
     """Compile the models once, in a process of its own, while test processes start and collect."""
-    gc.set_threshold(10_000)
     if hasattr(config, "workerinput"):
         return
     with NamedTemporaryFile(delete=False) as file:
@@ -59,7 +57,6 @@ def pytest_runtestloop(session: pytest.Session) -> None:
     if hasattr(session.config, "workerinput") or not session.config.getoption("numprocesses", None):
         with Path(os.environ[WARMING]).open("rb") as file:
             flock(file, LOCK_SH)
-    gc.freeze()  # libraries and tests live as long as the session: no use in looking through them again and again
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterator, Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -301,7 +300,7 @@ _ASPECTS: dict[str, Callable[[Result], Cell]] = {
     "title": lambda result: result.study.title,
     "data": lambda result: f"{result.study.kind}; {result.study.source}",
     "model": lambda result: result.study.model.name,
-    "options": lambda result: "; ".join(f"{n.replace('_', ' ')} {v}" for n, v in asdict(result.study.model).items()),
+    "options": lambda result: "; ".join(f"{n.replace('_', ' ')} {v}" for n, v in result.study.model.options.items()),
     "drive": lambda result: result.study.drive,
     "wheels": _wheels,
     "rows": _rows,

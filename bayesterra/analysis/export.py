@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayesterra.analysis.simulators import chrono_scm, errors_said, projection
 from bayesterra.checking.levels import scope
 from bayesterra.errors import ResultError
 from bayesterra.parameters import CHANNELS, PARAMETERS
@@ -24,7 +25,7 @@ from bayesterra.runtime.tables import Record, csv_text
 from bayesterra.stats.laws import Law
 from bayesterra.study.result import AnalysisResult, Result
 
-KINDS = {"figures": ("svg", "pdf", "png"), "tables": ("latex", "csv"), "to": ("csv", "json")}
+KINDS = {"figures": ("svg", "pdf", "png"), "tables": ("latex", "csv"), "to": ("csv", "json", "chrono-scm")}
 """Options, and the formats that each may name."""
 _LETTERS = (
     "αalpha βbeta γgamma δdelta ηeta θtheta κkappa λlambda μmu νnu ρrho σsigma τtau φvarphi χchi ψpsi ωomega ΔDelta"
@@ -48,6 +49,7 @@ class Export(AnalysisResult):
     asked : formats by option, of :data:`KINDS`.
     methods : whether to write ``methods.txt``, what was done, in words.
     bibtex : whether to write ``references.bib``, what those words cite.
+    slips : at which soils for simulators take the exponent, see :func:`chrono_scm`.
     """
 
     MARK = "export.json"
@@ -59,6 +61,7 @@ class Export(AnalysisResult):
     asked: Mapping[str, Sequence[str]] = field(default_factory=dict)
     methods: bool = False
     bibtex: bool = False
+    slips: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         for option, kinds in self.asked.items():
@@ -77,8 +80,8 @@ class Export(AnalysisResult):
         }
 
     def tables(self) -> Mapping[str, pd.DataFrame]:
-        """None: what CSV files there are stands in :meth:`figures`."""
-        return {}
+        """Error of soils for simulators; other CSV files stand in :meth:`figures`."""
+        return {} if self._projection.empty else {"projection": self._projection}
 
     def figures(self) -> Mapping[str, bytes]:
         """Every file that was asked for, by its name."""
@@ -99,8 +102,17 @@ class Export(AnalysisResult):
         contents |= {"methods.txt": methods_text(self.result)} if self.methods else {}
         contents |= {"references.bib": references()} if self.bibtex else {}
         draws = {"csv": lambda: csv_text(self.result.to_dataframe()), "json": lambda: _as_json(self.result)}
-        contents |= {f"draws.{kind}": draws[kind]() for kind in self.asked.get("to", ())}
+        contents |= {f"draws.{kind}": draws[kind]() for kind in self.asked.get("to", ()) if kind in draws}
+        contents |= chrono_scm(self.result, self.slips) if self._simulated else {}
         return {name: made.encode() if isinstance(made, str) else made for name, made in contents.items()}
+
+    @property
+    def _simulated(self) -> bool:
+        return "chrono-scm" in self.asked.get("to", ())
+
+    @cached_property
+    def _projection(self) -> pd.DataFrame:
+        return projection(self.result, self.slips) if self._simulated else pd.DataFrame()
 
     def to_record(self) -> dict[str, Any]:
         """Title, kind of the data and captions."""
@@ -111,7 +123,8 @@ class Export(AnalysisResult):
         """What was written, in a line."""
         asked = [f"{option} as {', '.join(kinds)}" for option, kinds in self.asked.items() if kinds]
         asked += ["methods.txt"] * self.methods + ["references.bib"] * self.bibtex
-        return (Text(f"{self.result.study.title} ({self.result.study.kind} data): {'; '.join(asked)}."),)
+        said = f"{self.result.study.title} ({self.result.study.kind} data): {'; '.join(asked)}."
+        return (Text(said), *map(Text, errors_said(self._projection)))
 
     def place(self, folder: Path) -> str:
         """Line on where it was saved."""

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +32,7 @@ from bayesterra.runtime.netcdf import DRAWS, RECORD, labelled_tree, read_tree
 from bayesterra.runtime.reading import MEGABYTE, check_sums, damage, read_json, read_text
 from bayesterra.runtime.tables import Count, Number, read_csv
 from bayesterra.study import result as base
+from bayesterra.study.schema import know_model
 from bayesterra.study.study import Study, load_study
 
 Method = Literal["IM1", "IM2", "IM3", "joint", "IM1 lsqcurvefit", "IM2 lsqcurvefit", "IM3 lsqcurvefit"]
@@ -212,7 +214,7 @@ _HELD = tomllib.loads(read_text(Path(__file__).with_name("result.toml"), MEGABYT
 COLUMNS: Mapping[str, Mapping[str, str]] = _HELD["columns"]
 """Columns that tables must have, by kind: ``number``, ``text``, or a name of one of these."""
 NAMES: Mapping[str, Collection[str]] = {
-    "parameter": {*PARAMETERS}, "quantity": {*PARAMETERS, *DERIVED}, "channel": {*CHANNELS},
+    "parameter": PARAMETERS, "quantity": ChainMap[str, Any](PARAMETERS, DERIVED), "channel": CHANNELS,
 }  # fmt: skip
 GROUPS: Mapping[str, Sequence[str]] = _HELD["groups"]
 """Groups of ``draws.nc``, and the dimensions of all that is in them.
@@ -344,6 +346,7 @@ def _content(folder: Path, kind: type[RunResult | PooledResult]) -> dict[str, An
     check_sums(folder, *files)
     tables = {name.removesuffix(".csv"): read_csv(folder / name) for name in files if name.endswith(".csv")}
     tables.pop("measurements", None)
+    know_model(folder)
     record, draws = kind.RECORD.read(folder / RECORD), read_tree(folder / DRAWS)
     return {**tables, "record": record, "draws": draws, "study": _numbered(load_study(folder), draws)}
 

@@ -23,6 +23,7 @@ from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.status import job_folder
 from bayesterra.sampling.sampler import Progress, progress_bar
 from bayesterra.study.canonical import identity
+from bayesterra.study.own import allowing_code
 from bayesterra.study.result import Result
 from bayesterra.study.study import STUDY_FILE, Study, load_soil_test, load_study, soil_test_study
 
@@ -49,8 +50,8 @@ def _sampled(study: Study, **how: Any) -> Result:
     return inference.run(study, **how) if study.pooling is None else judged(run_pooled(study, **how), how["seed"])
 
 
-def load_result(folder: str | Path) -> Result:
-    """Read a saved result folder.
+def load_result(folder: str | Path, *, allow_code: bool = False) -> Result:
+    """Read a saved result folder; ``allow_code``: run the code that its study names as its model.
 
     Raises
     ------
@@ -58,7 +59,8 @@ def load_result(folder: str | Path) -> Result:
     StudyError : no path is given.
     """
     path = checked_path("bt.load_result", folder, "a result folder")
-    return read_pooled(path) if is_pooled(path) else read_result(path)
+    with allowing_code(allow_code):
+        return read_pooled(path) if is_pooled(path) else read_result(path)
 
 
 def run_study(

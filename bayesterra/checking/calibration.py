@@ -24,6 +24,7 @@ from bayesterra.errors import ResultError, StudyError, SupportError, check_kind,
 from bayesterra.likelihood.forward import bearing_pressure, shear_strength, soil_at
 from bayesterra.likelihood.joint import Whole, draw_joint_prior, joint_posterior, name_in_group, whole_posterior
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.models import ForwardModel
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.runtime.engines import Engine, ended, in_process
 from bayesterra.runtime.folders import check_free
@@ -40,13 +41,15 @@ AT_SLIP = "_at_largest_slip"
 """Ending of quantities that the model says of the row with the largest slip."""
 
 
-def predictive_names(drive: Drive) -> tuple[str, str]:
+def predictive_names(drive: Drive, model: ForwardModel) -> tuple[str, ...]:
     """The two predictive quantities of a drive.
 
-    With a latent load no modelled force is defined for every soil, so they are those of the soil.
+    With a latent load no modelled force is defined for every soil, so they are those of the soil, as far as the
+    model has its parameters.
     """
     if drive.latent_load:
-        return "bearing_pressure", "shear_strength"
+        named = {"bearing_pressure": {"Ks", "n0"}, "shear_strength": {"c", "phi"}}
+        return tuple(name for name, needed in named.items() if needed <= {*model.parameters})
     first, second, *_ = drive.outcomes
     return first + AT_SLIP, second + AT_SLIP
 
@@ -54,7 +57,7 @@ def predictive_names(drive: Drive) -> tuple[str, str]:
 def quantity_names(study: Study) -> tuple[str, ...]:
     """All test quantities: free parameters, log likelihood, log prior, two predictive ones of each group."""
     target = whole_posterior(study)
-    named = predictive_names(study.drive) if study.wheels else ()
+    named = predictive_names(study.drive, study.model) if study.wheels else ()
     predictive = (name_in_group(name, group) for group in target.groups for name in named)
     return (*target.names, LOG_LIKELIHOOD, LOG_PRIOR, *predictive)
 
@@ -73,11 +76,11 @@ def _predicted(posterior: Posterior, x: FloatArray) -> dict[str, FloatArray]:
     forward, soil = posterior.likelihood.forward, posterior.prior.soil_values(x)
     if not posterior.driven:
         return {}
-    names = predictive_names(forward.drive)
+    names = predictive_names(forward.drive, forward.model)
     if forward.drive.latent_load:
         plain = soil_at(soil, float(forward.conditions.width[0]))
-        derived: tuple[Callable[[FloatArray], FloatArray], ...] = (bearing_pressure, shear_strength)
-        return {name: function(plain) for name, function in zip(names, derived, strict=True)}
+        derived = {"bearing_pressure": bearing_pressure, "shear_strength": shear_strength}
+        return {name: derived[name](plain) for name in names}
     outcomes, row = forward(soil), int(np.argmax(forward.conditions.slip))
     return {name: outcomes[name.removesuffix(AT_SLIP)][:, row] for name in names}
 

@@ -18,7 +18,7 @@ from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Tex
 from bayesterra.report.figures import INK, POSTERIOR, PRIOR, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, plain, signed
 from bayesterra.report.sections import Prose, Section, VerdictPage, in_a_line, origin_rows
-from bayesterra.report.symbols import QUANTITIES, listed, symbol
+from bayesterra.report.symbols import listed, quantity_of, symbol
 from bayesterra.report.verdicts import Verdict
 
 say = Prose("calibration")
@@ -224,7 +224,7 @@ def _name(quantity: str) -> str:
         return quantity.replace("_", " ")
     quantity, part = whole_and_part(quantity)
     ending = " at the largest slip" if quantity.endswith(AT_SLIP) else ""
-    return f"${QUANTITIES[quantity.removesuffix(AT_SLIP)].latex}${part}{ending}"
+    return f"${quantity_of(quantity.removesuffix(AT_SLIP)).latex}${part}{ending}"
 
 
 def calibration_overview(calibration: Calibration) -> Overview:

@@ -29,6 +29,7 @@ from bayesterra.runtime.tables import Count, Number, Record
 from bayesterra.study.canonical import FORM, write_study
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result
+from bayesterra.study.schema import know_model
 from bayesterra.study.study import STUDY_FILE, Study, load_study, without_wheels
 
 if TYPE_CHECKING:
@@ -379,6 +380,7 @@ def load_stream(folder: str | Path) -> Stream:
     if not (folder / Stream.MARK).is_file():
         raise ResultError(f"'{folder}' is not the folder of a stream: it has no {Stream.MARK}")
     check_sums(folder, Stream.MARK, STUDY_FILE, "measurements.csv")
+    know_model(folder)
     with damage(ResultError, folder / Stream.MARK):
         record = Stream.RECORD.read(folder / Stream.MARK)
     study = load_study(folder, prior_only=True)

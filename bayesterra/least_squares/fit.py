@@ -87,10 +87,10 @@ def fit(
 def _known_methods(study: Study) -> tuple[str, ...]:
     """The methods that the study names, without those that do not know its model."""
     methods: tuple[str, ...] = study.least_squares.methods
-    return tuple(method for method in methods if method == "joint" or not _has_load_effect(study))
+    return tuple(method for method in methods if method == "joint" or not _of_its_own(study))
 
 
-def _has_load_effect(study: Study) -> bool:
+def _of_its_own(study: Study) -> bool:
     return study.model.parameters != SOIL_PARAMETERS
 
 
@@ -132,14 +132,13 @@ def fit_from_starts(study: Study) -> pd.DataFrame:
 
 def _fit_groups(method: str, study: Study, overrides: setup.Overrides) -> Fit:
     """IM1, IM2 or IM3."""
-    if _has_load_effect(study):
-        raise StudyError(f"{method} knows no load effect: with the model {study.model.name} only joint fits")
+    if _of_its_own(study):
+        what = "load effect" if study.model.name == "M2L" else "parameters but those of Ding et al. 2015"
+        raise StudyError(f"{method} knows no {what}: with the model {study.model.name} only joint fits")
     began = perf_counter()
     settings, rows = setup.iteration_settings(study, overrides), setup.readings(study)
-    if method == "IM1":
-        steps = integral_steps(rows, M1(**{each.name: getattr(study.model, each.name) for each in fields(M1)}))
-    else:
-        steps = decoupled_steps(method, rows, study.model)
+    model = M1(**{each.name: getattr(study.model, each.name) for each in fields(M1)})
+    steps = integral_steps(rows, model) if method == "IM1" else decoupled_steps(method, rows, model)
     todo = plan(method, steps, settings)
     passes = _passes(method, todo, settings)
     theta = passes.path[-1] if passes.path else settings.start
@@ -183,7 +182,7 @@ def _fit_joint(method: str, study: Study, overrides: setup.Overrides, fits: Mapp
 
 def _edge(theta: FloatArray, drive: Forward) -> Clip:
     """Rows at the edge of the model's range, where a search is stopped a margin inside."""
-    return clip(theta, drive.conditions.slip, 2 * MARGIN)
+    return clip(theta, drive.conditions.slip, 2 * MARGIN, names=drive.model.parameters)
 
 
 def _joint_notes(joint_fit: JointFit, drive: Forward, theta: FloatArray) -> tuple[str, ...]:
@@ -199,7 +198,7 @@ def _joint_notes(joint_fit: JointFit, drive: Forward, theta: FloatArray) -> tupl
 def _stand_ins(study: Study) -> tuple[str, ...]:
     """Notes on the values of quantities that least squares does not estimate."""
     load = ("the measured normal force stands for the load",) if study.drive.latent_load else ()
-    alone = ("IM1, IM2 and IM3 know no load effect",) if _has_load_effect(study) else ()
+    alone = ("IM1, IM2 and IM3 know no load effect",) if study.model.name == "M2L" else ()
     return (*load, *_offset_note(study), *alone)
 
 
@@ -217,7 +216,7 @@ def _other_results(study: Study, overrides: setup.Overrides, fits: Mapping[str, 
             result = fits.get(method) or _fit_groups(method, study, overrides)
         except StudyError:
             continue  # the method needs more readings than joint
-        starts.append(result.soil.as_array())
+        starts.append(np.array([*result.values().values()]))
     return starts
 
 

@@ -19,10 +19,10 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.least_squares.results import error_figure
 from bayesterra.least_squares.settings import Settings
-from bayesterra.least_squares.solver import Box, ClippedModel, Minimum, clip, excess_jacobian, minimise
+from bayesterra.least_squares.solver import Box, ClippedModel, Minimum, clip, excess_jacobian, minimise, of_the_paper
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.models.decoupled import MARGIN, leaving
-from bayesterra.parameters import SOIL_PARAMETERS, SoilColumns
+from bayesterra.parameters import SOIL_PARAMETERS, columns_of
 
 STARTS = 8
 """Starts drawn from the cut prior, beside those that the caller has."""
@@ -69,7 +69,7 @@ class WeightedMisfit:
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Residuals of the readings, then 2 m + k penalties; NaN where no sinkage carries a load."""
-        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip, names=self.model.forward.model.parameters)
         misfit = ((self.predicted(theta) - self.measured) / self.sd)[read]
         penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
         return np.concatenate([misfit, PENALTY * penalties])
@@ -84,7 +84,7 @@ class WeightedMisfit:
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Derivatives of :meth:`values` by the parameters."""
-        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip)
+        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip, names=self.model.forward.model.parameters)
         misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[read]
         outside = np.diag((self._outside(theta) != 0) / self._size)
         return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip), PENALTY * outside])
@@ -187,7 +187,7 @@ def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
         drawn = draw_cut_prior(posterior, STARTS, np.random.default_rng(0), batch=256).x
     except SupportError:
         return []  # held parameters may still leave an answer at the other starts
-    columns = [SoilColumns[name] for name in settings.names]
+    columns = columns_of(settings.names)
     soil = posterior.prior.soil_values(drawn)[:, columns]
     held = [settings.names.index(name) for name in settings.held]
     soil[:, held] = settings.start[held]
@@ -208,6 +208,8 @@ _C1, _C2 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2"))
 
 def ratio_box(settings: Settings, columns: list[int], slip: FloatArray) -> Box:
     """Box in which θm/θ1 at the lowest and at the highest slip stand for c1 and c2, where both are free."""
+    if not of_the_paper(settings.names):
+        return Box(settings.lower, settings.upper, columns)
     if not {_C1, _C2}.issubset(columns) or np.ptp(slip) < 1e-6:
         return _narrowed(settings, columns, slip)
     angles = [_C1, _C2]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -54,11 +55,11 @@ class Fit:
     """
 
     method: str
-    soil: Soil
+    soil: Soil | SimpleNamespace
     errors: Mapping[str, float]
     converged: bool
     passes: int
-    path: tuple[Soil, ...]
+    path: tuple[Soil | SimpleNamespace, ...]
     held: tuple[str, ...]
     at_bound: tuple[str, ...]
     missing: tuple[str, ...]

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import numpy as np
 
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError, check_number
+from bayesterra.least_squares.solver import of_the_paper
 from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, posterior
@@ -54,9 +56,10 @@ class Settings:
     delta: float = 0.002
     solver: str = "converged"
 
-    def soil(self, theta: FloatArray) -> Soil:
-        """The soil of parameters (k,)."""
-        kind = LoadEffectSoil if set(LOAD_EFFECT) <= set(self.names) else Soil
+    def soil(self, theta: FloatArray) -> Soil | SimpleNamespace:
+        """The soil of parameters (k,); a namespace of them where the model is one's own."""
+        paper = LoadEffectSoil if set(LOAD_EFFECT) <= set(self.names) else Soil
+        kind = paper if of_the_paper(self.names) else SimpleNamespace
         return kind(**dict(zip(self.names, theta.tolist(), strict=True)))
 
     def free(self, names: tuple[str, ...]) -> list[int]:
@@ -122,7 +125,7 @@ def _held_by_study(study: Study) -> dict[str, float]:
     fixed = {name: value for name, value in study.prior.fixed.items() if name in MODEL_PARAMETERS}
     if all(name in study.prior.fixed for name in MODULI) and len({w.width for w in study.wheels.values()}) == 1:
         fixed["Ks"] = study.prior.fixed["kc"] / study.prior.width + study.prior.fixed["kphi"]
-    return {**fixed, "n1": 0.0} if study.model.constant_exponent else fixed
+    return {**fixed, **study.model.holds}
 
 
 def iteration_settings(study: Study, overrides: Overrides) -> Settings:

@@ -6,7 +6,7 @@ modelled with θm/θ1 (or N) at the nearest value inside; the excess is reported
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -23,6 +23,11 @@ TOLERANCE = 1e-14
 MAX_EVALUATIONS = 1000
 COMPLEX_STEP = 1e-60
 _N0, _N1, _C1, _C2, _C3 = (SOIL_PARAMETERS.index(name) for name in ("n0", "n1", "c1", "c2", "c3"))
+
+
+def of_the_paper(names: Sequence[str]) -> bool:
+    """True for parameters that begin with those of Ding et al. 2015, as those of its models do."""
+    return tuple(names[: len(SOIL_PARAMETERS)]) == SOIL_PARAMETERS
 
 
 class Curve(Protocol):
@@ -158,9 +163,13 @@ class Clip:
         return bool(np.any(self.angle) or np.any(self.exponent))
 
 
-def clip(theta: FloatArray, slip: FloatArray, margin: float = MARGIN) -> Clip:
-    """Parameters inside the model's range for every row; ``theta`` (p,), ``slip`` (m,)."""
+def clip(
+    theta: FloatArray, slip: FloatArray, margin: float = MARGIN, *, names: Sequence[str] = SOIL_PARAMETERS
+) -> Clip:
+    """Parameters (p,) inside the range of a model of Ding et al. 2015 for every row (m,); as they are for others."""
     rows = np.repeat(theta[None, :], len(slip), axis=0)
+    if not of_the_paper(names):
+        return Clip(rows, np.zeros_like(slip), np.zeros_like(slip))
     middle, exponent = ratio(theta, slip), theta[_N0] + theta[_N1] * slip
     inside = np.clip(middle, leaving(theta, slip) + margin, 1 - margin)
     positive = np.maximum(exponent, margin)
@@ -171,6 +180,8 @@ def clip(theta: FloatArray, slip: FloatArray, margin: float = MARGIN) -> Clip:
 
 def chain(derivatives: FloatArray, clipped: Clip) -> FloatArray:
     """Derivatives (m, ..., p) by the parameters asked for, from those by the parameters of each row."""
+    if not clipped.any:
+        return derivatives
     out = derivatives.copy()
     out[clipped.angle < 0, ..., _C3] += derivatives[clipped.angle < 0, ..., _C1]
     for column in (_C1, _C2):
@@ -184,6 +195,8 @@ def excess_jacobian(clipped: Clip, slip: FloatArray) -> FloatArray:
     """Derivatives (2 m, k) of the excesses: those of the angle, then those of the exponent."""
     width = clipped.theta.shape[1]
     out = np.zeros((2, len(slip), width))
+    if not clipped.any:
+        return out.reshape(-1, width)
     angle, exponent = (clipped.angle != 0).astype(float), (clipped.exponent != 0).astype(float)
     out[0, :, _C1], out[0, :, _C2], out[0, :, _C3] = angle, angle * slip, -(clipped.angle < 0).astype(float)
     out[1, :, _N0], out[1, :, _N1] = exponent, exponent * slip
@@ -207,7 +220,11 @@ class ClippedModel:
         def run(part: Forward, row: FloatArray) -> FloatArray:
             return np.asarray(part.answers(row, part.conditions, part.given)[0][0])
 
-        return self._by_group(clip(theta, self.forward.conditions.slip).theta, run, (self.forward.width,))
+        return self._by_group(
+            clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters).theta,
+            run,
+            (self.forward.width,),
+        )
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Exact derivatives (m, 3, k) of the outcomes."""
@@ -215,8 +232,11 @@ class ClippedModel:
         def run(part: Forward, row: FloatArray) -> FloatArray:
             return part.slopes(row, part.conditions, part.given)[1][0, :, :, : row.shape[1]]
 
-        clipped = clip(theta, self.forward.conditions.slip)
+        clipped = self._clipped(theta)
         return chain(self._by_group(clipped.theta, run, (self.forward.width, len(theta))), clipped)
+
+    def _clipped(self, theta: FloatArray) -> Clip:
+        return clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters)
 
     def _by_group(
         self, rows: FloatArray, run: Callable[[Forward, FloatArray], FloatArray], shape: tuple[int, ...]

@@ -102,7 +102,8 @@ class CorrelatedLikelihood(Likelihood):
         numbers, doubts = np.array(self.observations.rows), []
         sd = float(np.median(self.sizes(len(soil), noise_values)[:, -1]))
         near, off = self.near_bends(sd), self.beyond_first_order(soil, noise_values, sd) > OFF
-        ends = " and ".join(f"{slip:g}" for slip in self.forward.model.transition_slips)
+        bends = self.forward.model.bends(self.forward.conditions)
+        ends = " and ".join(f"{slip:g}" for slip in np.unique(bends[~np.isnan(bends)]))
         if near.any():
             doubts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
         if off.any():
@@ -123,10 +124,8 @@ class CorrelatedLikelihood(Likelihood):
 
     def near_bends(self, sd: float) -> BoolArray:
         """Rows (m,) whose slip, read with an error ``sd``, may lie on the other side of a transition slip."""
-        rows, model = self.forward.conditions, self.forward.model
-        distance = np.abs(rows.slip[:, None] - np.array(model.transition_slips)).min(axis=1)
-        bends = (rows.lug_height > 0) & (model.shear_start == "transition")
-        return np.asarray(bends & (distance < NEAR * sd))
+        rows = self.forward.conditions
+        return np.asarray((np.abs(rows.slip[:, None] - self.forward.model.bends(rows)) < NEAR * sd).any(axis=1))
 
     def beyond_first_order(self, soil: FloatArray, noise_values: FloatArray, sd: float) -> FloatArray:
         """Error of the first order in errors of slip in mean and scatter of a row's readings, (m,).

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.errors import StudyError
-from bayesterra.models import Conditions, Wheel, WheelSoilModel
+from bayesterra.models import Conditions, ForwardModel, Wheel
 from bayesterra.models.forces import NORMAL_FORCE, SINKAGE
 from bayesterra.models.traction import greatest, traction
-from bayesterra.parameters import SoilColumns
+from bayesterra.parameters import SoilColumns, columns_of
 from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
 from bayesterra.study.study import Study
@@ -76,9 +76,9 @@ def offset_of(soil: FloatArray) -> FloatArray:
     return soil[:, [SoilColumns.sinkage_offset]]
 
 
-def model_columns(soil: FloatArray, model: WheelSoilModel) -> FloatArray:
+def model_columns(soil: FloatArray, model: ForwardModel) -> FloatArray:
     """Columns (n, k) of soil arrays (n, p) that a model names."""
-    return np.take(soil, [SoilColumns[name] for name in model.parameters], axis=1)
+    return np.take(soil, columns_of(model.parameters), axis=1)
 
 
 @dataclass(frozen=True)
@@ -94,14 +94,14 @@ class Forward:
     as_read : sinkages are readings, with the zero error of the instrument; else true ones.
     """
 
-    model: WheelSoilModel
+    model: ForwardModel
     drive: Drive
     conditions: Conditions
     given: FloatArray
     as_read: bool = False
 
     @classmethod
-    def of(cls, model: WheelSoilModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> Forward:
+    def of(cls, model: ForwardModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> Forward:
         """Hold ``model`` at the rows of ``observations``, whose sinkages are readings.
 
         With a latent load that is the one that a row knows best.
@@ -245,7 +245,7 @@ def derive(study: Study, soil: FloatArray) -> dict[str, FloatArray]:
     return derive_for(study.model, next(iter(study.wheels.values())), reference_load(study), soil)
 
 
-def derive_for(model: WheelSoilModel, wheel: Wheel, load: float, soil: FloatArray) -> dict[str, FloatArray]:
+def derive_for(model: ForwardModel, wheel: Wheel, load: float, soil: FloatArray) -> dict[str, FloatArray]:
     """All quantities of ``DERIVED`` for ``wheel`` under ``load`` (N), each (n,), SI.
 
     ``soil`` (n, p) as every forward model takes it; NaN where the model has no answer.

@@ -17,7 +17,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import ClassVar
 
 import numpy as np
@@ -29,6 +29,7 @@ from bayesterra.likelihood import load_integrand as lv
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.likelihood.intervals import Intervals
+from bayesterra.likelihood.load_quadrature import log_rows
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, called, compiled, inlined
 from bayesterra.stats.tails import GAUSSIAN
@@ -289,6 +290,8 @@ class LatentLoad(Likelihood):
 
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""
+        if not self.forward.model.compiled:
+            return log_rows(self.forward, soil, self.load_range, partial(self._levels, soil, noise_values), rng)
         shape = (len(soil), len(self.observations))
         out = np.empty((*shape, 2))
         out[:, :, 1] = -1.0 if rng is None else rng.random(shape)
@@ -296,12 +299,16 @@ class LatentLoad(Likelihood):
         for rows, theta in self.forward.by_wheel(soil):
             part = np.ascontiguousarray(out[:, rows])
             codes = np.empty(part.shape[:2], dtype=np.int8)
-            model, conditions = self.forward.model, take(self.forward.conditions, rows)
-            sets, rows_of = model.kernel_inputs(theta, conditions)
-            plan = model.plan(every_row=True)
+            sets, rows_of, plan = self.forward.model.kernel_inputs(theta, take(self.forward.conditions, rows))
             likelihoods(sets, rows_of, _chosen(data, rows), plan, part, codes)
             out[:, rows] = part
         return out
+
+    def _levels(self, soil: FloatArray, noise_values: FloatArray, values: FloatArray) -> FloatArray:
+        """Log density (n, m) of every row's readings where the model says ``values`` (n, m, 4)."""
+        outcomes = Outcomes(self.forward.outcomes, values, np.zeros(len(soil), dtype=np.int64))
+        outcomes.add("sinkage", offset_of(soil))
+        return np.asarray(self.pointwise(outcomes, noise_values).sum(axis=2))
 
     @cached_property
     def _fixed(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -97,7 +96,7 @@ def _wheels(study: Study) -> Table:
 
 
 def _model(study: Study) -> Markup:
-    options = ", ".join(f"{name.replace('_', ' ')} {_option(value)}" for name, value in asdict(study.model).items())
+    options = ", ".join(f"{name.replace('_', ' ')} {_option(value)}" for name, value in study.model.options.items())
     return say("model", study.model, options, study.drive.sentence, _law_of_noise(study))
 
 

@@ -14,10 +14,10 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.errors import SupportError, check_kind
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.experiments import Experiment
-from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, soil_at
+from bayesterra.likelihood.forward import Forward, Outcomes, offset_of
 from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.models import Status
-from bayesterra.parameters import NOISE_PREFIX, WHEEL_SIZES, SoilColumns
+from bayesterra.parameters import NOISE_PREFIX, WHEEL_SIZES
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
@@ -34,6 +34,7 @@ REASONS: Mapping[int, str] = {
     int(Status.LOAD): "no sinkage below the wheel radius carries the load",
     int(Status.SINKAGE): "sinkage outside (0, r)",
     int(Status.NORMAL_FORCE): "no normal force in (42) at the sinkage",
+    int(Status.NO_ANSWER): "the model has no finite forces",
 }
 
 
@@ -244,11 +245,10 @@ class Posterior:
         if not self.driven and self.experiments:
             return tested
         soil = self.prior.soil_values(x)
-        K, c, phi = soil[:, SoilColumns.K], soil[:, SoilColumns.c], soil[:, SoilColumns.phi]
-        inside = tested & (K > 0) & (c >= 0) & (phi >= 0) & (phi < np.pi / 2)
-        for width in np.unique(self.likelihood.forward.conditions.width):
-            inside &= soil_at(soil, float(width))[:, SoilColumns.Ks] > 0
-        return np.asarray(inside & (self.noise_values(x) > 0).all(axis=1))
+        inside = tested & (self.noise_values(x) > 0).all(axis=1)
+        for _, theta in self.likelihood.forward.by_wheel(soil):
+            inside &= self.likelihood.forward.model.admits(theta)
+        return np.asarray(inside)
 
 
 def checked_sets(x: FloatArray, names: Sequence[str]) -> FloatArray:

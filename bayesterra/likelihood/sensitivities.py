@@ -41,7 +41,7 @@ from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.models.forces import SINKAGE
-from bayesterra.parameters import SoilColumns
+from bayesterra.parameters import PRIOR_PARAMETERS, SoilColumns, columns_of
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Prior
 
@@ -103,13 +103,13 @@ def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> Float
     slopes = _column_slopes(prior)
     if prior.uses_moduli:
         slopes[SoilColumns.Ks] = slopes[SoilColumns.kc] / width + slopes[SoilColumns.kphi]
-    return slopes[[SoilColumns[name] for name in parameters]]
+    return slopes[columns_of(parameters)]
 
 
 def _column_slopes(prior: Prior) -> FloatArray:
     """Derivative (p, d) of the columns of a soil array by the free parameters."""
     _, into, source = prior.soil_template
-    slopes = np.zeros((len(SoilColumns), len(prior.names)))
+    slopes = np.zeros((len(PRIOR_PARAMETERS), len(prior.names)))
     slopes[into, source] = 1.0
     return slopes
 

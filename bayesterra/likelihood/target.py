@@ -16,10 +16,10 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.sensitivities import score_and_information
+from bayesterra.models import RANGES
 from bayesterra.parameters import MODULI, NOISE_PREFIX, TEST_SIZES, whole_and_part
 from bayesterra.stats.laws import Law
 from bayesterra.stats.optimiser import Local
-from bayesterra.study.priors import Prior
 
 LATENT_STEP = 0.03
 """Step of differences, in standard deviations; the latent likelihood is known to 1e-3 only."""
@@ -225,7 +225,7 @@ class Chart:
 def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
     """The chart of a posterior's free parameters; it reaches as far as the points ``holding`` (n, d) do."""
     prior, names = posterior.prior, posterior.names
-    ends = np.array([_ends(name, law, prior) for name, law in prior.laws.items()]).reshape(-1, 2)
+    ends = np.array([_ends(name, law, posterior) for name, law in prior.laws.items()]).reshape(-1, 2)
     positive = [whole_and_part(n)[0] in ("Ks", "K") or n.startswith((NOISE_PREFIX, *TEST_SIZES)) for n in names]
     logs = np.array(positive, dtype=np.bool_) & (ends[:, 1] > 0)
     ends[:, 0] = np.where(logs, np.maximum(ends[:, 0], SMALLEST * ends[:, 1]), ends[:, 0])
@@ -251,16 +251,17 @@ def chart(posterior: Posterior, holding: FloatArray | None = None) -> Chart:
     return Chart(logs, ends, low, width, np.array(rows) / sizes[:, None], np.array(limits) / sizes)
 
 
-def _ends(name: str, law: Law, prior: Prior) -> tuple[float, float]:
+def _ends(name: str, law: Law, posterior: Posterior) -> tuple[float, float]:
     """Ends of the range of a law, inside the physical range of the parameter."""
-    low, high = law.range
+    prior, (low, high) = posterior.prior, law.range
     if not np.isfinite(low):
         low = float(law.quantile(np.array(TAIL)))
     if not np.isfinite(high):
         high = float(law.upper_quantile(np.array(TAIL)))
     base = whole_and_part(name)[0]
-    if base in ("c", "phi"):
-        low = max(low, 0.0)
+    physical = {**RANGES, **posterior.likelihood.forward.model.ranges}.get(base, (-np.inf, np.inf))
+    if base not in ("Ks", "K"):  # these are taken by their logarithms
+        low, high = max(low, physical[0]), min(high, physical[1])
     if prior.stretched and name in MODULI:  # over the range of n
         stretches = prior.reference ** -np.array(prior.laws[prior.exponent].range)
         return float((low * stretches).min()), float((high * stretches).max())
@@ -279,8 +280,8 @@ def edges(posterior: Posterior, x: FloatArray) -> dict[str, str]:
     values = {**posterior.prior.fixed, **dict(zip(posterior.names, map(float, x), strict=True))}
     found = {}
     for name, law in posterior.prior.laws.items():
-        for end, word in zip(_ends(name, law, posterior.prior), ("lower bound", "upper bound"), strict=True):
-            if end in law.range and abs(values[name] - end) < EDGE * float(np.ptp(_ends(name, law, posterior.prior))):
+        for end, word in zip(_ends(name, law, posterior), ("lower bound", "upper bound"), strict=True):
+            if end in law.range and abs(values[name] - end) < EDGE * float(np.ptp(_ends(name, law, posterior))):
                 found[name] = word
     for weights, lowest in _physical(posterior):
         roots = {name: posterior.prior.root(name) for name in weights}
@@ -303,12 +304,7 @@ def _physical(posterior: Posterior) -> Iterator[tuple[Mapping[str, float], float
     if not posterior.driven:
         return
     forward = posterior.likelihood.forward
-    inputs = forward.model.kernel_inputs(np.zeros((1, len(forward.model.parameters))), forward.conditions)[1]
-    for s in {inputs[:, 0].min(), inputs[:, 0].max()}:
-        yield {"c1": 1.0, "c2": s, "c3": -1.0}, MARGIN
-        yield {"c1": -1.0, "c2": -s}, MARGIN - 1.0
-    for s in {inputs[:, 1].min(), inputs[:, 1].max()}:
-        yield {"n0": 1.0, "n1": s}, MARGIN
+    yield from ((weights, least + MARGIN) for weights, least in forward.model.limits(forward.conditions))
     if posterior.prior.uses_moduli:
         for width in np.unique(forward.conditions.width):
             yield dict(zip(MODULI, (1.0 / width, 1.0), strict=True)), 1.0

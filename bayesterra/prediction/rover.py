@@ -17,7 +17,7 @@ from pydantic.dataclasses import dataclass as table
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, checked_text, did_you_mean, errors_in
 from bayesterra.likelihood.forward import model_columns, soil_at
-from bayesterra.models import Wheel, WheelSoilModel, statics
+from bayesterra.models import ForwardModel, Wheel, statics
 from bayesterra.study.schema import Acceleration, Force, Length, Mass, Number, Table, Text, checked_by, read_toml
 from bayesterra.study.units import text
 from bayesterra.study.wheels import resolved, wheel_of
@@ -67,7 +67,7 @@ class Rover(statics.Rover):
         except ValueError as error:
             raise StudyError(str(error)) from error
 
-    def on(self, soil: FloatArray, model: WheelSoilModel) -> statics.SoftGround:
+    def on(self, soil: FloatArray, model: ForwardModel) -> statics.SoftGround:
         """Soils, soil arrays (n, p), under its wheels through a model."""
         front, rear = (model_columns(soil_at(soil, wheel.width), model) for wheel in self.wheels)
         return statics.SoftGround(model, self.wheels, (front, rear))

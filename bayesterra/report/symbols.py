@@ -36,7 +36,7 @@ def _symbol(name: str) -> Markup:
     if name in DERIVED:
         before, pull, after = DERIVED[name].symbol.partition("F_DP")
         return Markup("{}{}{}").format(before, letters(pull) if pull else "", after)
-    return letters(QUANTITIES[name].symbol)
+    return letters(quantity_of(name).symbol)
 
 
 def letters(text: str) -> Markup:
@@ -59,7 +59,7 @@ def angles(text: str) -> Markup:
 
 def unit(name: str) -> Markup:
     """The field unit, empty for pure numbers."""
-    return raised(QUANTITIES[whole_and_part(name)[0]].unit)
+    return raised(quantity_of(whole_and_part(name)[0]).unit)
 
 
 def raised(unit: str) -> Markup:

@@ -28,7 +28,8 @@ def restricted(posterior: Posterior, names: Sequence[str]) -> Coordinates:
     held = {name: law.median for name, law in posterior.prior.laws.items() if name not in names}
     held |= {name: 1.0 for name in LEAVING if name in held}  # unknown: contact angles are mapped one by one
     entries: dict[str, Entry] = {**posterior.prior.entries, **held}
-    return coordinates(Posterior(Prior(entries, posterior.prior.width), posterior.likelihood))
+    prior = posterior.prior
+    return coordinates(Posterior(Prior(entries, prior.width, reads=prior.reads), posterior.likelihood))
 
 
 @dataclass(frozen=True)

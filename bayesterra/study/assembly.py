@@ -11,7 +11,7 @@ import numpy as np
 from bayesterra import parameters
 from bayesterra.arrays import FloatArray, frozen
 from bayesterra.errors import StudyError, errors_after, known
-from bayesterra.models import MODELS, Soil, Wheel, WheelSoilModel
+from bayesterra.models import MODELS, ForwardModel, OwnModel, Soil, Wheel
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
 from bayesterra.study.drive import Drive
@@ -62,13 +62,15 @@ class StatedSoil:
     exponent: str = "n"
 
 
-def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool, wheels: bool = True) -> StatedSoil:
+def soil_prior(
+    stated: StatedPriors, model: str | OwnModel, *, constant_exponent: bool, wheels: bool = True
+) -> StatedSoil:
     """Laws, fixed values and ties of all soil parameters, and notes on what was filled in.
 
     Parameters
     ----------
     stated : the [priors] table.
-    model : with M2L, the load effect has priors too, and c1, c2, c3 are held unless they are given.
+    model : its parameters are needed; with M2L c1, c2, c3 are held unless they are given.
     constant_exponent : N = n0, so n1 is held at 0.
     wheels : whether there is a wheel; without one nothing is filled in.
 
@@ -93,10 +95,8 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool, whe
         _add(correlation, pairs, "correlation of '{}' is given and taken from {}", prior.label)
     if not wheels:
         return StatedSoil(entries, correlation, mixtures, earlier, tuple(notes))
-    effects, held = _load_effect(entries, model)
-    notes += held
-    stiffness = _stiffness(entries)
-    needed = (*stiffness, *parameters.SOIL_PARAMETERS[1:], *effects)
+    notes += _load_effect(entries, model)
+    needed = _needed(entries, model)
     missing = [name for name in needed if name not in entries and name not in parameters.HELD]
     if missing and stated.chosen is None:
         notes.append(f"prior set '{DEFAULT_PRIOR_SET}' taken for {', '.join(missing)}, as no set is named")
@@ -104,7 +104,31 @@ def soil_prior(stated: StatedPriors, model: str, *, constant_exponent: bool, whe
     taken: SoilPrior = {**prior_set(chosen), **prior_set(chosen, load_effect=True)} if chosen else {}
     _check_fixed({n: v for n, v in entries.items() if isinstance(v, int | float)}, taken, chosen)
     from_set = {name: entry for name, entry in taken.items() if name in needed}
-    return StatedSoil({**parameters.HELD, **from_set, **entries}, correlation, mixtures, earlier, tuple(notes))
+    held = {name: value for name, value in parameters.HELD.items() if name in needed}
+    return StatedSoil({**held, **from_set, **entries}, correlation, mixtures, earlier, tuple(notes))
+
+
+def _needed(entries: SoilPrior, model: str | OwnModel) -> tuple[str, ...]:
+    """Parameters that the wheels' model reads, k_c and k_φ in place of K_s where they are given.
+
+    A parameter that one's own model brings along is flat over its range where it has no entry.
+    """
+    names = MODELS[model].parameters if isinstance(model, str) else model.parameters
+    stiffness = _stiffness(entries)
+    needed = tuple(each for name in names for each in (stiffness if name == "Ks" else (name,)))
+    if isinstance(model, str):
+        return needed
+    for name in entries:
+        if name not in needed and name != parameters.OFFSET and not parameters.of_soil_tests(name):
+            raise StudyError(
+                f"[priors] '{name}' is no parameter of the model {model.name} (it has {', '.join(names)}): leave it out"
+            )
+    for name in (name for name in model.own if name not in entries):
+        low, high = model.ranges[name]
+        if not np.isfinite([low, high]).all():
+            raise StudyError(f"[priors] needs '{name}', as the model {model.name} states no range for it")
+        entries[name] = Law("uniform", lower=low, upper=high, source=f"flat on its range in the model {model.name}")
+    return needed
 
 
 def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
@@ -135,8 +159,10 @@ def _add(into: dict[str, Any], additions: Mapping[str, Any], rule: str, label: s
         into[name] = value
 
 
-def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[str]]:
-    """Names of the load effect where the model knows it; holds what (42) holds, with a note."""
+def _load_effect(entries: SoilPrior, model: str | OwnModel) -> list[str]:
+    """Hold what (42) holds where the model is that of the load effect, with a note."""
+    if isinstance(model, OwnModel):
+        return []
     if model != LOAD_EFFECT_MODEL:
         coefficient = next((name for name in parameters.LOAD_EFFECT if name in entries), None)
         if coefficient:
@@ -144,18 +170,25 @@ def _load_effect(entries: SoilPrior, model: str) -> tuple[tuple[str, ...], list[
                 f"[priors] '{coefficient}' belongs to the load effect of the model '{LOAD_EFFECT_MODEL}'"
                 f" (got model '{model}'): leave it out, or set model = \"{LOAD_EFFECT_MODEL}\""
             )
-        return (), []
+        return []
     held = {name: value for name, value in HELD_UNDER_LOAD.items() if name not in entries}
     entries.update(held)
     shown = ", ".join(f"{name} = {value:g}" for name, value in held.items() if name not in parameters.HELD)
-    return parameters.LOAD_EFFECT, [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
+    return [f"{shown} held, as in (42); an entry in [priors] frees them"] if shown else []
 
 
-def wheel_soil_model(name: str, options: ModelOptions, rows: Observations) -> tuple[WheelSoilModel, list[str]]:
+def forward_model(name: str | OwnModel, options: ModelOptions, rows: Observations) -> tuple[ForwardModel, list[str]]:
     """The model with its options; M2L without a mean load takes the mean load of all rows, and notes it.
 
     StudyError for a mean load that the model does not know, or none known, and options outside their ranges.
     """
+    if isinstance(name, OwnModel):
+        if options != ModelOptions():
+            raise StudyError(
+                "[model_options] belong to the models of Ding et al. 2015: what makes another stands beside its"
+                " 'use' in [model]"
+            )
+        return name, []
     arguments, notes = asdict(options), []
     mean = arguments.pop("mean_load")
     if name != LOAD_EFFECT_MODEL and mean is not None:
@@ -223,11 +256,17 @@ def _toml_key(name: str) -> str:
     return f'"{name}"' if "." in name else name
 
 
-def full_prior(soil: StatedSoil, noise: Mapping[str, Noise], errors: ModelErrors, wheels: Mapping[str, Wheel]) -> Prior:
+def full_prior(
+    soil: StatedSoil,
+    noise: Mapping[str, Noise],
+    errors: ModelErrors,
+    wheels: Mapping[str, Wheel],
+    reads: tuple[str, ...] = parameters.SOIL_PARAMETERS,
+) -> Prior:
     """The prior of all parameters; soil arrays hold the K_s of the first wheel."""
     estimated = {entry.parameter: entry.law for entry in noise.values() if entry.parameter and entry.law}
     entries, width = {**soil.entries, **estimated, **errors.laws}, next((w.width for w in wheels.values()), np.nan)
-    rest = (soil.correlation, soil.mixtures, soil.reference, soil.exponent, bool(wheels))
+    rest = (soil.correlation, soil.mixtures, soil.reference, soil.exponent, reads if wheels else ())
     with errors_after("[priors] "):
         return Prior(entries, width, *rest)
 
@@ -245,13 +284,16 @@ def _check_fixed(fixed: Mapping[str, float], prior_set: Mapping[str, Entry], cho
         Soil(**{**_ANY_SOIL, **{name: value for name, value in fixed.items() if name in parameters.SOIL_PARAMETERS}})
 
 
-def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry) -> tuple[dict[str, Wheel], list[str]]:
-    """Wheels by name; a coefficient that is left out comes, once, from (2) at the prior median of phi."""
+def resolved_wheels(tables: Mapping[str, WheelTable], phi: Entry | None) -> tuple[dict[str, Wheel], list[str]]:
+    """Wheels by name; a coefficient that is left out comes, once, from (2) at the prior median of phi.
+
+    Without ``phi``, where the model has none, of 30°.
+    """
     if not tables:
         raise StudyError("[wheels] needs at least one wheel, e.g. [wheels.Wh1]")
     if isinstance(phi, Tie):
         raise StudyError("[priors] 'phi' must not be tied: it is the only angle")
-    at = phi.median if isinstance(phi, Law) else float(phi)
+    at = np.pi / 6 if phi is None else phi.median if isinstance(phi, Law) else float(phi)
     wheels, notes = {}, []
     for name, table in tables.items():
         with errors_after(f"[wheels.{name}] "):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import re
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, fields
 from functools import cache
@@ -17,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from bayesterra import models
-from bayesterra.models import M2L, Wheel
+from bayesterra.models import M2L, OwnModel, Wheel
 from bayesterra.parameters import CHANNELS, PARAMETERS, PRIOR_PARAMETERS, in_order, of_soil_tests
 from bayesterra.runtime.folders import write_text
 from bayesterra.runtime.tables import csv_text
@@ -76,11 +77,11 @@ def tables(study: Study) -> dict[str, Any]:
     named = [name for name in PRIOR_PARAMETERS if name in entries]
     priors |= {name: _prior(name, entries[name]) for name in (*named, *filter(of_soil_tests, in_order(entries)))}
     content: dict[str, Any] = {
-        "model": study.model.name,
+        "model": study.model.options if isinstance(study.model, OwnModel) else study.model.name,
         "drive": str(study.drive),
         "load_range": loads,
         "wheels": {name: _wheel(wheel) for name, wheel in study.wheels.items()},
-        "model_options": {**asdict(study.model), **mean_load},
+        "model_options": {} if isinstance(study.model, OwnModel) else {**study.model.options, **mean_load},
         "noise": {name: _noise(noise) for name, noise in study.noise.items()},
         "discrepancy": {name: _discrepancy(curve) for name, curve in errors.discrepancy.items()},
         "ripple": {name: _ripple(ripple) for name, ripple in errors.ripple.items()},
@@ -269,6 +270,7 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
         **{f"readings of soil test {name}": _digest(vars(test.readings)) for name, test in study.soil_tests.items()},
         "bayesterra": version("bayesterra"),
         "build of bayesterra": source_digest(),
+        **({"code of the model": code_digest(study.model)} if isinstance(study.model, OwnModel) else {}),
         "Python": platform.python_version(),
         **{name: version(name) for name in LIBRARIES},
     }
@@ -284,6 +286,13 @@ def source_digest() -> str:
     for name in sorted(files):
         digest.update(f"{name} {sha256(files[name].read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
+
+
+def code_digest(model: OwnModel) -> str:
+    """SHA-256 of the file that a model of one's own is from; empty where it is from none."""
+    module = sys.modules.get(type(model.law).__module__)
+    file = getattr(module, "__file__", None)
+    return sha256(Path(file).read_bytes()).hexdigest() if file else ""
 
 
 _PHRASES = {

@@ -53,7 +53,8 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     Parameters
     ----------
     name : one of ``PRIOR_PARAMETERS``, or of soil tests: ``n``, ``K.ring``.
-    value : a table with ``dist``, a quantity, the name of another parameter, or a :class:`Law` as it is.
+    value : a table with ``dist``, a quantity, the name of another parameter, or a :class:`Law` as it is; from Python
+        also a frozen law of ``scipy.stats``.
     bare : take numbers as SI values.
     """
     if name not in parameters.PRIOR_PARAMETERS and not parameters.of_soil_tests(name):
@@ -61,6 +62,8 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
         raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, keys)}")
     if isinstance(value, Law | Tie):
         return value
+    if isinstance(getattr(value, "dist", None), stats.rv_continuous):
+        return frozen_law(name, value)
     if isinstance(value, Mapping):
         return law(name, table(value, name), parameters.PARAMETERS[name].dimension, bare=bare)
     if isinstance(value, str) and _NAME.fullmatch(value.strip()):
@@ -96,6 +99,18 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
     limits = {key: values.pop(key) for key in _LIMITS if key in values}
     with errors_after(f"'{name}': "):
         return Law(dist, values, **limits, source=source)
+
+
+def frozen_law(name: str, value: Any) -> Law:
+    """A frozen law of ``scipy.stats``, SI, as a law by its name and arguments."""
+    family = value.dist
+    order = [*(part.strip() for part in (family.shapes or "").split(",") if part), *_SHIFTS]
+    stated = {**dict(zip(order, value.args, strict=False)), **value.kwds}
+    with errors_after(f"'{name}': "):
+        if family.name in RANGED:
+            low, high = map(float, value.support())
+            return Law(family.name, lower=low, upper=high)
+        return Law(family.name, {key: float(number) for key, number in stated.items()})
 
 
 def law_entry(law: Law, dimension: str) -> dict[str, object]:

@@ -12,7 +12,7 @@ seen, and stands in for the correlations if it differs by less.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -23,6 +23,7 @@ from scipy.special import ndtr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, did_you_mean, errors_after
+from bayesterra.models import RANGES
 from bayesterra.parameters import MODULI, PARAMETERS, PRIOR_PARAMETERS, SIZES
 from bayesterra.report.sections import Prose
 from bayesterra.runtime.netcdf import Drawn, read_drawn
@@ -31,7 +32,7 @@ from bayesterra.stats.diagnostics import array_ess, rank_scores
 from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study import entries
 from bayesterra.study.priors import Source
-from bayesterra.study.schema import read_toml
+from bayesterra.study.schema import know_model, read_toml
 
 say = Prose("previous")
 
@@ -56,14 +57,6 @@ POOR = 0.1
 """Difference of a probability from which a joint law stands badly for the draws."""
 SIMULATED = 2**15
 """Draws of a mixture that its probabilities are counted on."""
-
-PHYSICAL: Mapping[str, tuple[float, float]] = {
-    "Ks": (0.0, np.inf),
-    "c": (0.0, np.inf),
-    "phi": (0.0, np.pi / 2),
-    "K": (0.0, np.inf),
-}
-"""Physical ranges (SI); other parameters may take any value."""
 
 
 @dataclass(frozen=True)
@@ -136,7 +129,7 @@ class PosteriorPrior:
         }
 
 
-def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS, tied: Collection[str] = ()) -> PosteriorPrior:
+def taken(source: Source, names: Sequence[str] = PRIOR_PARAMETERS, tied: Collection[str] = ()) -> PosteriorPrior:
     """The joint law that a study takes from an earlier result.
 
     Parameters
@@ -186,6 +179,7 @@ def taken(source: Source, names: tuple[str, ...] = PRIOR_PARAMETERS, tied: Colle
 def _opened(result: Any) -> tuple[Drawn, Mapping[str, tuple[float, float]]]:
     """Draws of a result folder or object, and the ranges that its own prior had."""
     if isinstance(result, str | Path):
+        know_model(Path(result))
         return read_drawn(Path(result)), _ranges(Path(result))
     try:
         drawn = Drawn.of(result.draws["posterior"].to_dataset(), result.record, "")
@@ -210,7 +204,7 @@ def _ranges(folder: Path) -> dict[str, tuple[float, float]]:
     return ranges
 
 
-def _names(source: Source, drawn: Drawn, names: tuple[str, ...]) -> dict[str, str]:
+def _names(source: Source, drawn: Drawn, names: Sequence[str]) -> dict[str, str]:
     """Parameter there by parameter here, in the package's order."""
     if source.take is None:
         take = {name: name for name in names if name in drawn.draws}
@@ -243,7 +237,7 @@ def _law(
     here: str, there: str, draws: FloatArray, stated: tuple[float, float] | None, size: float, text: str
 ) -> QuantileLaw:
     """The law of one parameter, within its physical range and that of the earlier prior."""
-    physical = (0.0, np.inf) if here.startswith(SIZES) else PHYSICAL.get(here, (-np.inf, np.inf))
+    physical = (0.0, np.inf) if here.startswith(SIZES) else RANGES.get(here, (-np.inf, np.inf))
     low, high = (-np.inf, np.inf) if stated is None else stated
     steps = np.arange(1, int(HIGHEST / STEP) + 1) * STEP
     beyond = steps[ndtr(-steps) * size >= BEYOND]

@@ -73,7 +73,7 @@ class Prior:
     reference, exponent : sinkage z (m) and exponent n with which the laws of the moduli are those of k_c z^n and
         k_φ z^n, the parts of the pressure there: a modulus in Pa/m^n means nothing without its n, and a law that
         is flat in it prefers large n. At 1 m the laws are those of k_c and k_φ.
-    of_wheels : whether every parameter of a wheel must have an entry; soil tests read only their own.
+    reads : soil parameters that must have an entry, as the model of the wheels reads them; without wheels none.
 
     Raises
     ------
@@ -87,13 +87,13 @@ class Prior:
     mixtures: Mapping[str, MixtureCopula] = field(default_factory=dict)
     reference: float = 1.0
     exponent: str = "n"
-    of_wheels: bool = True
+    reads: tuple[str, ...] = parameters.SOIL_PARAMETERS
 
     def __post_init__(self) -> None:
         if not isinstance(self.entries, Mapping):
             raise StudyError(f"a prior needs laws or values by parameter (got {self.entries!r:.60})")
         unknown = [name for name in self.entries if parameters.whole_and_part(name)[0] not in parameters.PARAMETERS]
-        missing = [name for name in self._needed if name not in self.entries and self.of_wheels]
+        missing = [name for name in self._needed if name not in self.entries]
         if unknown or missing:
             raise StudyError(f"priors: unknown {unknown or 'none'}, missing {missing or 'none'}")
         for name, entry in self.entries.items():
@@ -139,7 +139,8 @@ class Prior:
 
     @property
     def _needed(self) -> tuple[str, ...]:
-        soil = (*parameters.MODULI, *parameters.SOIL_PARAMETERS[1:]) if self.uses_moduli else parameters.SOIL_PARAMETERS
+        stiffness = parameters.MODULI if self.uses_moduli else ("Ks",)
+        soil = tuple(each for name in self.reads for each in (stiffness if name == "Ks" else (name,)))
         load_effect = any(name in self.entries for name in parameters.LOAD_EFFECT)
         return (*soil, *parameters.LOAD_EFFECT) if load_effect else soil
 
@@ -224,7 +225,7 @@ class Prior:
         """A soil array (1, p) of what is fixed, and which of its columns are filled from which of x."""
         roots = {name: self.root(name) for name in parameters.PRIOR_PARAMETERS if name in self.entries}
         free = {name: self.names.index(root) for name, root in roots.items() if root in self.laws}
-        return parameters.soil_array(self.fixed), [parameters.SoilColumns[name] for name in free], list(free.values())
+        return parameters.soil_array(self.fixed), parameters.columns_of(free), list(free.values())
 
     def soil_values(self, x: FloatArray) -> FloatArray:
         """Soil array (n, p) of free parameter sets ``x`` (n, d); its K_s is that of ``width``."""

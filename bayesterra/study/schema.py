@@ -12,6 +12,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, is_dataclass
 from functools import partial
 from pathlib import Path
@@ -36,8 +37,8 @@ from pydantic.dataclasses import dataclass
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import ArgsKwargs, ErrorDetails
 
-from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, known, suggestion
-from bayesterra.models import MODELS
+from bayesterra.errors import StudyError, checked_name, checked_text, did_you_mean, errors_in, known, suggestion
+from bayesterra.models import MODELS, OwnModel
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS, whole_and_part
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
 from bayesterra.stats.dependence import MixtureCopula
@@ -46,6 +47,7 @@ from bayesterra.study.entries import stated_sets
 from bayesterra.study.groups import Pooling, pooling_table
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
 from bayesterra.study.noise import Noise
+from bayesterra.study.own import installed_models, loaded_model
 from bayesterra.study.priors import Entry, Source
 from bayesterra.study.units import quantity
 
@@ -170,12 +172,16 @@ def _two(value: object, name: str, dimension: str, what: str, *, bare: bool = Fa
     return first, second
 
 
-def _model(value: object) -> object:
-    """Name of a model, checked."""
-    if value not in tuple(MODELS):
-        *others, last = (f"'{name}'" for name in MODELS)
-        raise StudyError(f"'model' must be {', '.join(others)} or {last} (got {_shortened(value)})")
-    return value
+def _model(value: object, info: ValidationInfo) -> str | OwnModel:
+    """Name of a model of Ding et al. 2015, or one's own model."""
+    if isinstance(value, OwnModel) or (isinstance(value, str) and value in MODELS):
+        return value
+    if isinstance(value, Mapping):
+        return loaded_model(value, bare=bare_numbers(info))
+    if isinstance(value, str) and value in installed_models():
+        return loaded_model({"use": value}, bare=bare_numbers(info))
+    *others, last = (f"'{name}'" for name in (*MODELS, *installed_models()))
+    raise StudyError(f"'model' must be {', '.join(others)} or {last} (got {_shortened(value)})")
 
 
 def _named(value: object) -> object:
@@ -202,7 +208,10 @@ def _measure(dimension: str) -> BeforeValidator:
     )
 
 
-_MODELS = f"Model of Ding et al. 2015: {'; '.join(f'``{n}`` {kind.equations}' for n, kind in MODELS.items())}."
+_MODELS = (
+    f"Model of Ding et al. 2015: {'; '.join(f'``{n}`` {kind.equations}' for n, kind in MODELS.items())}."
+    ' Another by a table [model]: ``use = "module:Class"`` or the name of an installed one, and what makes it.'
+)
 _Open, _Values = dict[str, Any], dict[str, str | float]
 
 
@@ -416,7 +425,7 @@ class StudyContent(Table):
     """Name of the soil."""
     date: Annotated[Text, BeforeValidator(lambda day: day.isoformat() if isinstance(day, datetime.date) else day)] = ""
     """Day of the test."""
-    model: Annotated[StrictStr, BeforeValidator(_model), Field(description=_MODELS)] = "M1"
+    model: Annotated[Any, PlainValidator(_model, json_schema_input_type=str | _Open), Field(description=_MODELS)] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     """Quantity known of a row beside its slip: the load, the sinkage, or ``both`` read with errors."""
     load_range: Annotated[
@@ -501,6 +510,21 @@ def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
         raise StudyError(f"must be UTF-8 text (byte {error.start} is not)") from error
     except ValueError as error:  # TOMLDecodeError, and numbers of thousands of digits
         raise StudyError(f"must be TOML: {error}") from error
+
+
+def know_model(folder: Path) -> None:
+    """Make the parameters of a saved study known before its record and draws are read.
+
+    Raises
+    ------
+    StudyError : its model is code that is not allowed, or cannot be loaded.
+    """
+    stated: object = None
+    with suppress(StudyError):  # a folder without a sound study says so itself
+        stated = read_toml(folder / "study.toml").get("model")
+    if isinstance(stated, Mapping):
+        with errors_in(folder / "study.toml"):
+            loaded_model(stated)
 
 
 LONGEST_KEY = 500

@@ -13,8 +13,8 @@ import pandas as pd
 
 from bayesterra.arrays import BoolArray, FloatArray, frozen
 from bayesterra.errors import StudyError, check_keys, check_kind, checked_path, errors_in, known
-from bayesterra.models import Wheel, WheelSoilModel
-from bayesterra.parameters import PARAMETERS
+from bayesterra.models import ForwardModel, OwnModel, Wheel, WheelSoilModel
+from bayesterra.parameters import LOAD_EFFECT, PARAMETERS
 from bayesterra.study import assembly, entries, schema
 from bayesterra.study.canonical import fingerprint
 from bayesterra.study.drive import Drive
@@ -22,6 +22,7 @@ from bayesterra.study.groups import Pooling, values_of_group
 from bayesterra.study.model_errors import ModelErrors, check_groups
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, observations, read_table
+from bayesterra.study.own import allowing_code, own_model
 from bayesterra.study.plausibility import Repeats, implausible, repeats
 from bayesterra.study.priors import Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
@@ -81,7 +82,7 @@ class Study:
     date: str
     kind: str
     source: str
-    model: WheelSoilModel
+    model: ForwardModel
     drive: Drive
     load_range: tuple[float, float] | None
     pooling: Pooling | None
@@ -225,11 +226,16 @@ class Study:
         return fingerprint(self)
 
 
-def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFrame | None = None) -> Study:
+def load_study(
+    path: str | Path, *, prior_only: bool = False, table: pd.DataFrame | None = None, allow_code: bool = False
+) -> Study:
     """Read a study file, or the ``study.toml`` of a folder, and its measurements.
 
-    With ``prior_only`` the table needs no readings: it says what is going to be measured. A ``table`` that is
-    given takes the place of the file of measurements.
+    Parameters
+    ----------
+    prior_only : the table needs no readings: it says what is going to be measured.
+    table : in place of the file of measurements.
+    allow_code : run the code that the file names as its model.
 
     Raises
     ------
@@ -237,7 +243,7 @@ def load_study(path: str | Path, *, prior_only: bool = False, table: pd.DataFram
     """
     path = checked_path("bt.load_study", path, "a study file or its folder")
     path = path / STUDY_FILE if path.is_dir() else path
-    with errors_in(path):
+    with errors_in(path), allowing_code(allow_code):
         content = schema.checked(schema.read_toml(path), bare=False)
         tables = {field.name: getattr(content, field.name) for field in fields(content)}
         tables["priors"] = content.priors.beside(path)
@@ -319,11 +325,13 @@ def without_wheels(study: Study, command: str) -> None:
 
 
 def _with_model_name(tables: dict[str, Any]) -> dict[str, Any]:
-    """Take a model object apart into its name and options."""
+    """Take a model object of the paper apart into its name and options; another is a law of forces."""
     model = tables.get("model")
-    if not isinstance(model, WheelSoilModel):
+    if isinstance(model, WheelSoilModel):
+        return {"model_options": model.options, **tables, "model": model.name}
+    if model is None or isinstance(model, str | Mapping | OwnModel):
         return tables
-    return {"model_options": asdict(model), **tables, "model": model.name}
+    return {**tables, "model": own_model(model)}
 
 
 def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected: bool) -> dict[str, Any]:
@@ -332,7 +340,7 @@ def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected:
     _check_tables(content)
     constant, driven = content.model_options.constant_exponent, content.data is not None
     soil = assembly.soil_prior(content.priors, content.model, constant_exponent=constant, wheels=driven)
-    wheels, notes = assembly.resolved_wheels(content.wheels, soil.entries["phi"]) if driven else ({}, [])
+    wheels, notes = assembly.resolved_wheels(content.wheels, soil.entries.get("phi")) if driven else ({}, [])
     soil = assembly.with_soil_tests(soil, content.priors, tests, wheels=driven)
     rows = Observations.none()
     if data is not None and content.data is not None:
@@ -340,7 +348,7 @@ def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected:
             zeros = {key: getattr(content.data, key) for key in ("slip_reference", "sinkage_reference")}
             rows, row_notes = assembly.conditioned(observations(data, wheels, **zeros), drive, expected=expected)
         rows, notes = assembly.awaited(rows, content.noise, drive) if expected else rows, notes + row_notes
-    model, model_notes = assembly.wheel_soil_model(content.model, content.model_options, rows)
+    model, model_notes = assembly.forward_model(content.model, content.model_options, rows)
     noise, loads = dict[str, Noise](), None
     errors = ModelErrors(content.discrepancy, content.ripple, content.slip)
     notes = [*soil.notes, *model_notes, *notes, *rows.notes]
@@ -350,7 +358,8 @@ def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected:
         rows, limit_notes = assembly.check_limits(rows, noise, drive)
         loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
         notes += [*noise_notes, *error_notes, *limit_notes, *load_notes]
-    prior = assembly.full_prior(soil, noise, errors, wheels)
+    reads = tuple(name for name in model.parameters if name not in LOAD_EFFECT)
+    prior = assembly.full_prior(soil, noise, errors, wheels, reads)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)
     own = [*filter(lambda name: name not in PARAMETERS, prior.entries)]
     if pooling is not None:

@@ -74,6 +74,25 @@ def factor(unit: str, dimension: str) -> float:
     return float(_registry().Quantity(1.0, parsed).to(expected).magnitude)
 
 
+def si_of(unit: str, name: str) -> tuple[float, str]:
+    """SI value of a unit, and the SI unit of its dimension; 1 and "" for a pure number.
+
+    Raises
+    ------
+    StudyError : the unit is not known.
+    """
+    if not unit:
+        return 1.0, ""
+    try:
+        parsed = _parsed(unit)
+    except StudyError as error:
+        raise StudyError(f"the unit of '{name}': {error}") from error
+    if str(parsed) in ANGLES:
+        return factor(unit, "rad"), "rad"
+    base = _registry().Quantity(1.0, parsed).to_base_units()
+    return float(base.magnitude), f"{base.units:~C}"
+
+
 def _parsed(unit: str) -> Any:
     if len(unit) > LONGEST or _POWERS.search(unit):
         raise StudyError(f"unknown unit '{unit:.{LONGEST}}'")

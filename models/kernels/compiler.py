@@ -1,13 +1,12 @@
 """The one door to numba, so that compiled functions keep their Python types."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import partial
 from typing import Any, ParamSpec, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.core import compiler, targetconfig, types
+from numba.core import compiler, types
 from numba.core.codegen import JITCodeLibrary
 from numpy.typing import NDArray
 
@@ -22,10 +21,6 @@ Whole = NDArray[np.int64]
 # Products and sums may be fused; nothing is reordered, and NaN and infinity keep their meaning.
 FAST = {"contract", "arcp", "nsz"}
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": FAST}
-_FUNCTION: Any = types.BaseFunction
-_STACK: Any = targetconfig.ConfigStack
-_signatures: dict[Any, Any] = {}
-"""What operators and functions make of numbers, by their types."""
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
@@ -68,8 +63,7 @@ class _Alone(compiler.Compiler):
         self.state.library = library
         self.state.flags.no_cfunc_wrapper = True  # of use to C alone
         compile_with: Any = super().compile_extra
-        with _asked_once():
-            return compile_with(function)
+        return compile_with(function)
 
 
 class _Called(compiler.Compiler):
@@ -86,29 +80,6 @@ class _Called(compiler.Compiler):
         as_key = partial(_refuse, function.__name__)
         self.state.targetctx.insert_user_function(as_key, made.fndesc, [library])
         return made._replace(entry_point=as_key)
-
-
-@contextmanager
-def _asked_once() -> Iterator[None]:
-    """Ask what an operator or a function makes of numbers once for each combination of their types.
-
-    At every place where `+` stands numba tries it on lists, texts and arrays, too: a tenth of all compiling.
-    """
-    ask = _FUNCTION.get_call_type
-
-    def answer(function: Any, context: Any, arguments: Any, named: Any) -> Any:
-        if named or not all(isinstance(kind, types.Number | types.Boolean) for kind in arguments):
-            return ask(function, context, arguments, named)
-        key = (function, tuple(arguments), _STACK.top_or_none().forceinline)  # which what it calls takes over
-        if key not in _signatures:
-            _signatures[key] = ask(function, context, arguments, named)
-        return _signatures[key]
-
-    _FUNCTION.get_call_type = answer
-    try:
-        yield
-    finally:
-        _FUNCTION.get_call_type = ask
 
 
 def _refuse(name: str, *_arguments: object) -> None:

@@ -21,7 +21,7 @@ _SQRT_HALF_BITS = int(np.float64(0.5**0.5).view(np.int64))
 _LOG2_E = 1.4426950408889634
 _LN_2 = 0.6931471805599453
 _EXP_LIMIT = 708.0
-_OPTIONS: Any = {"fastmath": FAST, "error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
+_OPTIONS: Any = {"fastmath": FAST, "error_model": "numpy", "forceinline": True}
 
 _EXP = (
     1.0,

@@ -98,5 +98,5 @@ def test_formats_are_refused_by_name(small_result: Result) -> None:
     """The option, what it may be, and what it was."""
     with pytest.raises(ResultError, match=r"^'--figures' must be of svg, pdf, png \(got 'gif'\)$"):
         Export(result=small_result, asked={"figures": ["svg", "gif"]})
-    with pytest.raises(ResultError, match=r"^'--to' must be of csv, json \(got 'xml'\)$"):
+    with pytest.raises(ResultError, match=r"^'--to' must be of csv, json, chrono-scm \(got 'xml'\)$"):
         Export(result=small_result, asked={"to": ["xml"]})

@@ -8,9 +8,15 @@ import pytest
 
 from bayesterra.least_squares.groupwise import decoupled_steps
 from bayesterra.least_squares.settings import readings
-from bayesterra.models import MODELS, Soil
+from bayesterra.models import MODELS, Soil, WheelSoilModel
 from bayesterra.models.decoupled import MARGIN, Contact
 from bayesterra.study.study import Study
+
+
+def paper_model(study: Study) -> WheelSoilModel:
+    """The model of a study, which is one of the paper."""
+    assert isinstance(study.model, WheelSoilModel)
+    return study.model
 
 
 @pytest.mark.parametrize(("method", "model"), [("IM2", "M2"), ("IM3", "M3")])
@@ -20,7 +26,7 @@ def test_equations_hold_on_their_own_model(
     """With the closed-form model's own forces put in, the decoupled equations return the same forces."""
     soil = printed[method]["Wh22"]
     study = make_paper_study(model, "Wh22", Soil(**{**vars(soil), "c3": -0.2, "c": 900.0}))
-    steps = decoupled_steps(method, readings(study), study.model)
+    steps = decoupled_steps(method, readings(study), paper_model(study))
     theta = Soil(**{**vars(soil), "c3": -0.2, "c": 900.0}).as_array()
     for step in steps:
         assert step.curve.values(theta) == pytest.approx(step.measured, rel=1e-9)
@@ -34,7 +40,7 @@ def test_jacobians_are_exact(
     soil = printed[method]["Wh31"]
     study = make_paper_study("M2", "Wh31", soil)
     theta = soil.as_array()
-    for step in decoupled_steps(method, readings(study), study.model):
+    for step in decoupled_steps(method, readings(study), paper_model(study)):
         exact = step.curve.jacobian(theta)
         for column, value in enumerate(theta):
             shift = np.zeros(9)
@@ -50,7 +56,7 @@ def test_angle_is_clipped(make_paper_study: Callable[..., Study], printed: Mappi
     study = make_paper_study("M2", "Wh31", soil)
     theta, inside = soil.as_array(), soil.as_array()
     theta[6:8], inside[6:8] = (1.0, 0.5), (1 - MARGIN, 0.0)
-    for step in decoupled_steps("IM2", readings(study), study.model):
+    for step in decoupled_steps("IM2", readings(study), paper_model(study)):
         assert step.curve.values(theta) == pytest.approx(step.curve.values(inside), rel=1e-12)
         assert not step.curve.jacobian(theta)[:, 6:8].any()
 
@@ -89,7 +95,7 @@ def test_contact_of_several_wheels(
         priors={"set": "paper-box"},
     )
     rows = readings(study)
-    at = Contact.of(study.model, rows.conditions, rows.sinkage, rows.sinkage, rows.sinkage)
+    at = Contact.of(paper_model(study), rows.conditions, rows.sinkage, rows.sinkage, rows.sinkage)
     assert at.radius == pytest.approx([0.135, 0.135, 0.15735, 0.15735])
-    for step in decoupled_steps("IM2", rows, study.model):
+    for step in decoupled_steps("IM2", rows, paper_model(study)):
         assert step.curve.values(soil.as_array()) == pytest.approx(step.measured, rel=1e-9)

@@ -106,7 +106,7 @@ def test_every_dependence_is_in_the_prior(make: MakeStudy, roles: str, how: str)
 
 def test_a_prior_has_no_other_dependence() -> None:
     """A new one needs its place in the joint prior, and in the test above; that of plates is refused beside groups."""
-    of_plates = {"reference", "exponent", "of_wheels"}
+    of_plates = {"reference", "exponent", "reads"}
     assert {field.name for field in fields(Prior)} == {"entries", "width", "correlation", "mixtures", *of_plates}
 
 

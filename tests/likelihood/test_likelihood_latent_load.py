@@ -17,6 +17,7 @@ from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import Wheel
 from bayesterra.study.drive import Drive
 from bayesterra.study.study import Study
+from tests.support.own_laws import PaperLaw
 
 WHEEL = Wheel(0.058, 0.06, 0.005, 24, 0.5)
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7)
@@ -84,6 +85,20 @@ CASES: Mapping[str, Mapping[str, Any]] = {
         "priors": {"c3": {"dist": "uniform", "lower": -0.5, "upper": 0.3}},
         "load_range": (1.0, 200.0),
         "model": "M2",
+    },
+    "one's own": {"model": PaperLaw("M1")},
+    "one's own, little pull noise": {"model": PaperLaw("M2"), "noise": {"drawbar_pull": 0.01}},
+    "one's own, wide range, heavy tails": {
+        "model": PaperLaw("M2"),
+        "load_range": (1.0, 200.0),
+        "noise": {name: {"sd": sd, "dof": 2} for name, sd in NOISE.items()},
+    },
+    "one's own, limits, fractions": {
+        "data": LIMITS,
+        "load_range": (5.0, 60.0),
+        "model": PaperLaw("M2"),
+        "noise": {"sinkage": {"fraction": 0.1, "floor": 5e-4}, "drawbar_pull": {"fraction": 0.1, "floor": 0.1}},
+        "priors": {"sinkage_offset": {"dist": "norm", "scale": "5 mm"}},
     },
     "offset": {"priors": {"sinkage_offset": {"dist": "norm", "scale": "5 mm"}}},
     "moduli": {
@@ -203,9 +218,10 @@ def test_a_row_is_a_density_of_its_readings() -> None:
     assert total == pytest.approx(without.log_terms(x)[0, 0, 0], abs=1e-3)
 
 
-def test_drawn_loads_follow_their_conditional_law(integrand: Integrand) -> None:
+@pytest.mark.parametrize("model", ["M1", PaperLaw("M1")], ids=["M1", "one's own"])
+def test_drawn_loads_follow_their_conditional_law(integrand: Integrand, model: object) -> None:
     """Loads drawn given soil and readings have the distribution that the integrand says."""
-    _, whole, _, soil = settled(latent_study(noise=LOOSE, load_range=(1.0, 100.0)), 1)
+    _, whole, _, soil = settled(latent_study(noise=LOOSE, load_range=(1.0, 100.0), model=model), 1)
     none, n = np.empty((4000, 0)), 4000
     drawn = whole.loads(np.repeat(soil, n, axis=0), none, np.random.default_rng(3))
     loads = np.linspace(1.0, 100.0, 20001)

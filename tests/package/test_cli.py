@@ -221,7 +221,7 @@ def test_commented_lines_of_the_template_are_good_too(tmp_path: Path) -> None:
     file.write_text(_switched_on(first + "[least_squares]" + last))
     study = load_study(file)
     assert study.published is not None
-    assert study.model.shear_start == "rim"
+    assert study.model.options["shear_start"] == "rim"
     assert study.least_squares.hold == {"Ks": 2.5e6}
     file.write_text(first + _switched_on(pooling).replace('"wheel"', '"run"', 1) + "[least_squares]" + last)
     assert load_study(file).pooling is not None

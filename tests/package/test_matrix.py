@@ -11,6 +11,9 @@ from tests.support.vocabulary import says_one_thing
 
 PERMITTED = {"follow": ("knows no sweeps, along which",)}
 """What a command may be refused with."""
+ALL = "BAYESTERRA_ALL" in os.environ
+CHOSEN = kinds() if ALL else kinds()[::3]
+"""Kinds on which every command is run: all of them, before a release, take ten minutes of two processors more."""
 DEAR = ("calibrate", "holdout")
 """Commands that sample again and again: of groups, which takes minutes, where BAYESTERRA_ALL is set."""
 
@@ -45,10 +48,10 @@ def test_kinds_of_study_are_read_and_simulated(kind: Kind, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", kinds(), ids=title)
+@pytest.mark.parametrize("kind", CHOSEN, ids=title)
 def test_every_command_on_every_kind_of_study(kind: Kind, tmp_path: Path) -> None:
     """None ends in a traceback; card, sentence, tables, files and terminal of a run say one thing."""
-    left = DEAR if kind["groups"] != "none" and "BAYESTERRA_ALL" not in os.environ else ()
+    left = DEAR if kind["groups"] != "none" and not ALL else ()
     found = judged(kind, tmp_path, tuple(command for command in COMMANDS if command not in left))
     assert found["run"].word == "works"
     says_one_thing(kind, tmp_path / "result", found["run"].printed)

@@ -15,7 +15,7 @@ from sensitivity.sobol import Sobol, sobol
 
 from bayesterra.likelihood.forward import model_columns
 from bayesterra.likelihood.posterior import INSIDE, Posterior, draw_cut_prior, posterior
-from bayesterra.models import Soil, Wheel
+from bayesterra.models import Soil, Wheel, WheelSoilModel
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
 from bayesterra.study.priors import Tie
@@ -174,7 +174,9 @@ def test_other_conditions(study: Posterior) -> None:
     base = draw_base(problem, 100, np.random.default_rng(1))
     x = base.x[0]
     soil = Soil(*model_columns(study.prior.soil_values(base.x), study.likelihood.forward.model)[0])
-    depth = study.likelihood.forward.model.sinkage(soil, WHEELS["Wh32"], 0.5, 800.0)
+    model = study.likelihood.forward.model
+    assert isinstance(model, WheelSoilModel)
+    depth = model.sinkage(soil, WHEELS["Wh32"], 0.5, 800.0)
     assert base.values[0, 0] == pytest.approx(1e3 * float(depth))
     assert problem.outputs["load [N]"].eq(800.0).all()
     usual = draw_base(study_problem(study, single_inputs(study)), 5000, np.random.default_rng(1))

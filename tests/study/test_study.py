@@ -229,7 +229,7 @@ def test_other_data_in_the_same_study() -> None:
     ("tables", "message"),
     [
         ({"slip_reference": "hub"}, r"\[data\] 'slip_reference' must be 'rim', 'tip' or 'shearing' \(got 'hub'\)"),
-        ({"model": "M4"}, r"'model' must be 'M1', 'M2', 'M3' or 'M2L' \(got 'M4'\)"),
+        ({"model": "M4"}, r"'model' must be 'M1', 'M2', 'M3', 'M2L', 'wong-reece' or 'bekker-janosi' \(got 'M4'\)"),
         ({"drive": "neither"}, r"'drive' must be 'load', 'sinkage' or 'both' \(got 'neither'\)"),
         ({"transition_slips": [0.1, 0.5]}, r"'transition_slips' \(it belongs in \[model_options\]\)"),
         ({"sampling": {"drive": "load"}}, r"\[sampling\] unknown key 'drive' \(it belongs at the top"),

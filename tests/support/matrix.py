@@ -7,6 +7,7 @@ Everything goes through the command line and study files, so that the same cells
 from __future__ import annotations
 
 import io
+import re
 import sys
 import traceback
 from collections import Counter
@@ -32,7 +33,7 @@ from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
 FACTORS: Mapping[str, Sequence[str]] = {
-    "model": ("M2", "M1", "M3", "M2L"),
+    "model": ("M2", "M1", "M3", "M2L", "own"),
     "drive": ("load", "sinkage", "both"),
     "noise": ("given", "estimated", "fraction", "student"),
     "errors": ("none", "discrepancy", "ripple", "slip"),
@@ -98,12 +99,15 @@ def write(kind: Kind, folder: Path) -> None:
 
 
 def _study(kind: Kind) -> str:
-    head = f'title = "{title(kind)}"\nmodel = "{kind["model"]}"\ndrive = "{kind["drive"]}"\n'
+    model = "bekker-janosi" if kind["model"] == "own" else kind["model"]
+    head = f'title = "{title(kind)}"\nmodel = "{model}"\ndrive = "{kind["drive"]}"\n'
     if kind["drive"] == "both":
         head += 'load_range = ["40 N", "120 N"]\n'
     data = '[data]\nfile = "measurements.csv"\nslip_reference = "shearing"\nkind = "simulated"\n'
     options = '[model_options]\nmean_load = "80 N"\n' if kind["model"] == "M2L" else ""
     priors = PRIORS + (LOAD_EFFECT if kind["model"] == "M2L" else "")
+    if kind["model"] == "own":
+        priors = re.sub(r"(n1|c1|c2) = .*\n", "", priors)
     if kind["prior"] == "correlated":
         priors += '[priors.correlation]\n"phi, K" = 0.6\n'
     groups = {

@@ -63,7 +63,7 @@ def _rules(posterior: Posterior, x: FloatArray) -> dict[str, tuple[tuple[str, ..
     n0, n1, c1, c2, c3 = (soil[:, [SoilColumns[name]]] for name in ("n0", "n1", "c1", "c2", "c3"))
     ratio = c1 + c2 * slip
     angles = np.asarray(((ratio > c3) & (ratio < 1) & (c3 >= -1)).all(axis=1))
-    exponents = np.asarray((n0 + n1 * slip * (not forward.model.constant_exponent) > 0).all(axis=1))
+    exponents = np.asarray((n0 + n1 * slip * ("n1" not in forward.model.holds) > 0).all(axis=1))
     rules: dict[str, tuple[tuple[str, ...], BoolArray]] = {
         "θ2 < θm < θ1": (("c1", "c2", "c3"), ~angles),
         "n0 + n1 s > 0": (("n0", "n1"), ~exponents),

@@ -1,0 +1,135 @@
+"""Models of one's own in studies: laws of forces from Python, or loaded by name where code is allowed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import asdict, dataclass, is_dataclass
+from importlib import import_module
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Any
+
+from bayesterra.errors import StudyError, did_you_mean
+from bayesterra.models import ModelParameter, OwnModel
+from bayesterra.parameters import PARAMETERS, Parameter, register
+from bayesterra.study.units import si_of
+
+ENTRY_POINTS = "bayesterra.models"
+"""Group of entry points by whose names installed models are known."""
+_OURS = "bayesterra.models.examples"
+_ALLOWED: ContextVar[bool] = ContextVar("code_allowed", default=False)
+
+
+@contextmanager
+def allowing_code(allowed: bool = True) -> Iterator[None]:
+    """Study files read inside may name code, which is then run; what was allowed before stays allowed."""
+    token = _ALLOWED.set(allowed or _ALLOWED.get())
+    try:
+        yield
+    finally:
+        _ALLOWED.reset(token)
+
+
+@dataclass(frozen=True)
+class StudyModel(OwnModel):
+    """A model of one's own whose parameters the package knows, in every process that gets it."""
+
+    def __reduce__(self) -> tuple[Callable[..., StudyModel], tuple[Any, ...]]:
+        """Make it anew, parameters and all, from its law."""
+        return own_model, (self.law, self.stated)
+
+
+def own_model(law: Any, stated: Mapping[str, object] | None = None) -> StudyModel:
+    """A law of forces as the model of a study; its parameters become known by their names.
+
+    Parameters
+    ----------
+    law : as :class:`bayesterra.models.own.ForceLaw`.
+    stated : how a study file states it; None: by its class, and by its fields where it is a dataclass.
+
+    Raises
+    ------
+    StudyError : it is no law, or its parameters have no units or the names of other quantities.
+    """
+    name = type(law).__name__
+    if not callable(getattr(law, "forces", None)) or not isinstance(getattr(law, "parameters", None), list | tuple):
+        raise StudyError(f"the model {name} needs 'parameters', a tuple of names, and a method 'forces'")
+    scales = {}
+    for each in law.parameters:
+        if isinstance(each, ModelParameter):
+            parameter = _parameter(each)
+            scales[each.name] = parameter.scale
+            try:
+                register(parameter)
+            except ValueError as error:
+                raise StudyError(str(error)) from error
+        elif each not in PARAMETERS:
+            hint = did_you_mean(str(each), PARAMETERS)
+            raise StudyError(f"the model {name} has an unknown parameter {each!r}{hint}: describe it by ModelParameter")
+    if stated is None:
+        fields = asdict(law) if is_dataclass(law) and not isinstance(law, type) else {}
+        stated = {"use": f"{type(law).__module__}:{type(law).__qualname__}", **fields}
+    try:
+        return StudyModel(law, dict(stated), scales)
+    except ValueError as error:
+        raise StudyError(f"the model {name}: {error}") from error
+
+
+def _parameter(each: ModelParameter) -> Parameter:
+    scale, dimension = si_of(each.unit, each.name)
+    symbol = each.symbol or each.name
+    latex = rf"\mathrm{{{symbol}}}" if symbol.isascii() else symbol
+    return Parameter(
+        each.name, symbol, latex, each.unit or "-", scale, dimension, each.description or f"parameter {each.name}"
+    )
+
+
+def installed_models() -> dict[str, str]:
+    """Places of installed models, ``module:Class``, by their names: ours, and those of entry points."""
+    ours = {"wong-reece": f"{_OURS}:WongReece", "bekker-janosi": f"{_OURS}:BekkerJanosi"}
+    return {point.name: point.value for point in entry_points(group=ENTRY_POINTS)} | ours
+
+
+def loaded_model(stated: Mapping[str, object], *, bare: bool = False) -> StudyModel:
+    """The model that a table ``[model]`` names by ``use``; its other keys make it.
+
+    Raises
+    ------
+    StudyError : code is not allowed, cannot be loaded, or makes no model.
+    """
+    keywords = {str(key): value for key, value in stated.items()}
+    use = keywords.pop("use", None)
+    if not isinstance(use, str) or not use.strip():
+        raise StudyError(f"needs 'use', \"module:Class\" or the name of an installed model (got {use!r})")
+    installed = installed_models()
+    target = installed.get(use, use)
+    module, colon, path = target.partition(":")
+    if not colon or not path:
+        raise StudyError(
+            f"'use' must be \"module:Class\" or an installed model (got '{use}'){did_you_mean(use, installed)}"
+        )
+    if not (bare or _ALLOWED.get() or module == _OURS):
+        raise StudyError(
+            f"use = \"{use}\" runs the code of the module '{module}': allow it by --allow-code,"
+            " in Python by allow_code=True, if you trust it"
+        )
+    try:
+        made: Any = _imported(module)
+        for part in path.split("."):
+            made = getattr(made, part)
+        law = made(**keywords)
+    except Exception as error:  # whatever the code of others raises
+        said = f"{type(error).__name__}: {error}"
+        raise StudyError(f'[model] use = "{use}" cannot be loaded ({said:.300})') from error
+    return own_model(law, stated)
+
+
+def _imported(module: str) -> Any:
+    """The module, installed or in the working directory."""
+    here = str(Path.cwd())
+    if here not in sys.path:
+        sys.path.append(here)
+    return import_module(module)
