@@ -12,7 +12,7 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.models import M2, M2L, Wheel
 from bayesterra.models.statics import OUTCOMES, Greatest, Outcome, SoftGround, Sought, State, greatest, states_at, sweep
-from bayesterra.parameters import MODEL_PARAMETERS, soil_array
+from bayesterra.parameters import soil_array
 from bayesterra.prediction.outlook import DEGREE
 from bayesterra.prediction.rover import Rover, read_rover
 
@@ -63,7 +63,7 @@ def printed_soil(row: str) -> FloatArray:
 
 def ground(rover: Rover, model: str, soil: FloatArray) -> SoftGround:
     """The soil through (42), or through M2, which leaves its last four parameters out."""
-    soils = soil_array(dict(zip(MODEL_PARAMETERS, soil.T, strict=True)))
+    soils = soil_array(dict(zip(M2L.parameters, soil.T, strict=True)))
     return rover.on(soils, M2L(mean_load=rover.mean_load) if model == "M2L" else M2())
 
 

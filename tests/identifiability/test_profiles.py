@@ -1,6 +1,6 @@
 """Profiles against closed forms on linear and bent problems."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, cast
 
@@ -15,7 +15,7 @@ from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.likelihood.target import Target, chart
-from bayesterra.models import SOIL_FIELDS, Conditions, WheelSoilModel
+from bayesterra.models import M1, RANGES, SOIL_FIELDS, Conditions, ForwardModel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.stats.laws import Law
 from bayesterra.study.drive import Drive
@@ -35,9 +35,12 @@ class Toy:
     name: str = field(default="toy")
     parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
 
-    def kernel_inputs(self, theta: FloatArray, conditions: Conditions) -> tuple[FloatArray, FloatArray]:
-        """Rows as the models describe them; slip 0 throughout."""
-        return theta, np.zeros((len(conditions.slip), 6))
+    ranges: ClassVar[Mapping[str, tuple[float, float]]] = RANGES
+    admits = ForwardModel.admits
+
+    def limits(self, conditions: Conditions) -> Iterator[tuple[Mapping[str, float], float]]:
+        """Those of the wheels' models at slip 0."""
+        yield from M1().limits(conditions)
 
     def forces_at(self, theta: FloatArray, *_: Any, **__: Any) -> tuple[FloatArray, FloatArray]:
         """Forces (n, m, 3), all with an answer."""
@@ -59,7 +62,7 @@ def toy_posterior(toy: Toy, laws: Mapping[str, Law], measured: FloatArray) -> Po
         given_sd={}, use=size > 0,
     )  # fmt: skip
     conditions = Conditions(0 * size, 0.15 * size, 0.15 * size, 0.01 * size, 0.15 * size)
-    forward = Forward(cast(WheelSoilModel, toy), Drive.SINKAGE, conditions, 0.01 * size, as_read=True)
+    forward = Forward(cast(ForwardModel, toy), Drive.SINKAGE, conditions, 0.01 * size, as_read=True)
     held = {"Ks": 1e6, "n0": 1.0, "n1": 0.0, "c": 0.0, "phi": 0.5, "K": 0.01, "c1": 0.5, "c2": 0.0, "c3": 0.0}
     prior = Prior({**held, **laws})
     return Posterior(prior, Likelihood(forward, observations, [Noise(name, sd=1.0) for name in FORCES]))
