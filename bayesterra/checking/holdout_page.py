@@ -19,7 +19,7 @@ from bayesterra.checking.holdout_scores import BASELINES
 from bayesterra.checking.validation import prediction_verdict
 from bayesterra.parameters import CHANNELS
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
-from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, label, literal, new_figure, styled
+from bayesterra.report.figures import DATA, GRID, INK, POSTERIOR, label, limit_y, literal, new_figure, styled
 from bayesterra.report.numbers import NOTHING, number, plain
 from bayesterra.report.sections import Prose, Section, VerdictPage, origin_rows
 from bayesterra.report.symbols import listed, symbol, with_unit
@@ -216,7 +216,7 @@ def _limit(ax: Axes, table: pd.DataFrame) -> None:
     low, high = table["observed"].min() - 0.6 * reach, table["observed"].max() + 0.6 * reach
     drawn = np.concatenate([seen["q05"].dropna(), seen["q95"].dropna(), seen["observed"]])
     low, high = max(low, drawn.min()), min(high, drawn.max())
-    ax.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+    limit_y(ax, low, high, 0.06)
 
 
 @styled

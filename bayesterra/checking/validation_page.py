@@ -15,7 +15,7 @@ from bayesterra.checking.validation import Missed, Stretch, Validation, fit_verd
 from bayesterra.likelihood.page import estimated_noise
 from bayesterra.parameters import CHANNELS, field_values
 from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Table, Text, drawing
-from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, fan, label, one_of, own_axes, styled
+from bayesterra.report.figures import DATA, INK, MARKS, POSTERIOR, PRIOR, fan, label, limit_y, one_of, own_axes, styled
 from bayesterra.report.numbers import NOTHING, interval, number, plain, probability, resolution, rounded
 from bayesterra.report.sections import Prose, Section
 from bayesterra.report.symbols import amount, listed, symbol, unit
@@ -200,7 +200,7 @@ def _limit(ax: Axes, values: FloatArray) -> None:
     """Keep bands and readings in view; curves of estimates far away may leave it."""
     finite = values[np.isfinite(values)]
     low, high = finite.min(), finite.max()
-    ax.set_ylim(low - 0.12 * (high - low), high + 0.12 * (high - low))
+    limit_y(ax, low, high, 0.12)
 
 
 @styled

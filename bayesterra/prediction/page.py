@@ -88,7 +88,7 @@ def _limit(ax: Axes, modelled: FloatArray, readings: FloatArray) -> None:
     medians = modelled[1][np.isfinite(modelled[1])]
     reach = 3 * max(float(np.ptp(medians)), 0.05 * float(np.abs(medians).max()), 1e-9)
     low, high = max(values.min(), medians.min() - reach), min(values.max(), medians.max() + reach)
-    ax.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+    figures.limit_y(ax, low, high, 0.06)
 
 
 def _ground(ax: Axes, curve: Prediction) -> None:

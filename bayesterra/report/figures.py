@@ -281,3 +281,9 @@ def _smoothed(counts: FloatArray, width: float) -> FloatArray:
     kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(width, 0.3)) ** 2)
     padded = np.pad(counts, reach, mode="symmetric")
     return np.convolve(padded, kernel / kernel.sum(), mode="valid")
+
+
+def limit_y(ax: Axes, low: float, high: float, share: float) -> None:
+    """Limits of the vertical axis about a range, which may be one value, with a share of it to spare."""
+    margin = share * (high - low) or share * abs(high) or 1.0
+    ax.set_ylim(low - margin, high + margin)
