@@ -19,7 +19,11 @@ from bayesterra.study.units import si_of
 
 ENTRY_POINTS = "bayesterra.models"
 """Group of entry points by whose names installed models are known."""
-_OURS = "bayesterra.models.examples"
+OURS = {
+    "wong-reece": "bayesterra.models.examples:WongReece",
+    "bekker-janosi": "bayesterra.models.examples:BekkerJanosi",
+}
+"""Models that come with the package: these classes and nothing else need no leave."""
 _ALLOWED: ContextVar[bool] = ContextVar("code_allowed", default=False)
 
 
@@ -89,8 +93,7 @@ def _parameter(each: ModelParameter) -> Parameter:
 
 def installed_models() -> dict[str, str]:
     """Places of installed models, ``module:Class``, by their names: ours, and those of entry points."""
-    ours = {"wong-reece": f"{_OURS}:WongReece", "bekker-janosi": f"{_OURS}:BekkerJanosi"}
-    return {point.name: point.value for point in entry_points(group=ENTRY_POINTS)} | ours
+    return {point.name: point.value for point in entry_points(group=ENTRY_POINTS)} | OURS
 
 
 def loaded_model(stated: Mapping[str, object], *, bare: bool = False) -> StudyModel:
@@ -111,7 +114,7 @@ def loaded_model(stated: Mapping[str, object], *, bare: bool = False) -> StudyMo
         raise StudyError(
             f"'use' must be \"module:Class\" or an installed model (got '{use}'){did_you_mean(use, installed)}"
         )
-    if not (bare or _ALLOWED.get() or module == _OURS):
+    if not (bare or _ALLOWED.get() or target in OURS.values()):
         raise StudyError(
             f"use = \"{use}\" runs the code of the module '{module}': allow it by --allow-code,"
             " in Python by allow_code=True, if you trust it"

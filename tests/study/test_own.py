@@ -140,3 +140,15 @@ def test_a_frozen_law_is_a_prior(frozen: Any, same: Law, make_table: MakeTable) 
     assert law == same
     at = np.array([0.1, 0.5, 0.9])
     assert law.quantile(at) == pytest.approx(frozen.ppf(at))
+
+
+@pytest.mark.parametrize("path", ["np.load", "WongReece.__init__.__globals__", "np.random.default_rng"])
+def test_what_our_modules_import_is_not_ours(path: str, make_table: MakeTable, tmp_path: Path) -> None:
+    """A file reaches no function through the module of a model that needs no leave."""
+    write_study(plate_study(make_table), tmp_path)
+    file, marker = tmp_path / "study.toml", tmp_path / "code.npy"
+    np.save(marker, np.array([print], dtype=object))  # a pickle
+    keys = f'use = "bayesterra.models.examples:{path}"\nfile = "{marker}"\nallow_pickle = true'
+    file.write_text(file.read_text().replace(PLATE, keys))
+    with pytest.raises(StudyError, match=r"runs the code of the module 'bayesterra.models.examples': allow it by"):
+        load_study(tmp_path)
