@@ -64,6 +64,8 @@ class Export(AnalysisResult):
     slips: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.slips and not self._simulated:
+            raise ResultError("'--slip' goes with '--to chrono-scm'")
         for option, kinds in self.asked.items():
             for kind in kinds:
                 if kind not in KINDS[option]:

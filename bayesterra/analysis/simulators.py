@@ -44,21 +44,27 @@ def chrono_scm(result: Result, slips: Sequence[float] = ()) -> dict[str, str]:
 
     Raises
     ------
-    ResultError : the posterior lacks what SCM needs.
+    ResultError : the posterior lacks what SCM needs, or a slip lies outside [0, 1).
     """
+    _check(slips)
     files: dict[str, str] = {}
-    for group, one in _groups(result):
+    for place, (group, one) in enumerate(_groups(result), 1):
         draws, places = spread(one, SOILS)
         soils = _soils(one, draws)
         for slip in slips or _levels(one):
-            name = "-".join(["scm", *[group] * bool(group), *[f"slip-{slip:.3g}"] * bool(one.study.wheels)])
-            for number, (row, place) in enumerate(zip(_rows(soils, slip), places, strict=True), 1):
-                origin = {"title": one.study.title, "kind": one.study.kind, "slip": slip}
-                origin |= dict(zip(("chain", "draw"), map(int, place), strict=True))
+            name = "-".join(["scm", *[f"group-{place}"] * bool(group), *[f"slip-{slip:g}"] * bool(one.study.wheels)])
+            for number, (row, of) in enumerate(zip(_rows(soils, slip), places, strict=True), 1):
+                origin = {"title": one.study.title, "kind": one.study.kind, "group": group, "slip": slip}
+                origin |= dict(zip(("chain", "draw"), map(int, of), strict=True))
                 files[f"{name}-{number:03d}.json"] = json.dumps(
                     {"Soil parameters": row, "bayesterra": origin}, indent=1
                 )
     return files
+
+
+def _check(slips: Sequence[float]) -> None:
+    if wrong := next((slip for slip in slips if not 0 <= slip < 1), None):
+        raise ResultError(f"'slip' must lie in [0, 1) (got {wrong:g})")
 
 
 def _groups(result: Result) -> Iterator[tuple[str, Result]]:
@@ -118,7 +124,12 @@ def projection(result: Result, slips: Sequence[float] = ()) -> pd.DataFrame:
     -------
     Field units: medians of the model of the study and of the wheel on SCM, and of their difference 90 % of the
     draws; ``answered`` is the share of draws for which both have an answer. Empty without a wheel.
+
+    Raises
+    ------
+    ResultError : as of :func:`chrono_scm`.
     """
+    _check(slips)
     rows = [row for group, one in _groups(result) if one.study.wheels for row in _errors(group, one, slips)]
     return pd.DataFrame(rows)
 

@@ -12,8 +12,10 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bayesterra.errors import StudyError, did_you_mean
-from bayesterra.models import ModelParameter, OwnModel
+from bayesterra.models import Conditions, ModelParameter, OwnModel, Wheel
 from bayesterra.parameters import PARAMETERS, Parameter, register
 from bayesterra.study.units import si_of
 
@@ -77,9 +79,22 @@ def own_model(law: Any, stated: Mapping[str, object] | None = None) -> StudyMode
         fields = asdict(law) if is_dataclass(law) and not isinstance(law, type) else {}
         stated = {"use": f"{type(law).__module__}:{type(law).__qualname__}", **fields}
     try:
-        return StudyModel(law, dict(stated), scales)
+        model = StudyModel(law, dict(stated), scales)
     except ValueError as error:
         raise StudyError(f"the model {name}: {error}") from error
+    _try(model)
+    return model
+
+
+def _try(model: OwnModel) -> None:
+    """Call a law once with sets against rows and once in pairs, so that its faults are told before any work."""
+    theta, rows = np.array([[model.scale(name) for name in model.parameters]] * 3), np.array([0.1, 0.2, 0.3])
+    conditions = Conditions.of(Wheel(radius=0.15, width=0.15), rows)
+    try:
+        model.forces_at(theta[:2], conditions, 0.01)
+        model.response_of_pairs(theta, conditions, np.full(3, 50.0))
+    except Exception as error:  # whatever the code of others raises
+        raise StudyError(f"the model {model.name} fails ({type(error).__name__}: {error})") from error
 
 
 def _parameter(each: ModelParameter) -> Parameter:

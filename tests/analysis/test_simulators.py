@@ -85,3 +85,11 @@ def test_what_a_posterior_lacks_is_said(small_result: Result) -> None:
         ResultError, match="chrono-scm needs K, which this posterior lacks: add a soil test that tells it"
     ):
         chrono_scm(replace(small_result, study=study.having(prior=prior)))
+
+
+def test_slips_that_are_none_are_refused(small_result: Result) -> None:
+    """Outside [0, 1), and without a simulator to take them."""
+    with pytest.raises(ResultError, match=r"^'slip' must lie in \[0, 1\) \(got 1.5\)$"):
+        Export(result=small_result, asked={"to": ["chrono-scm"]}, slips=(0.2, 1.5)).tables()
+    with pytest.raises(ResultError, match=r"^'--slip' goes with '--to chrono-scm'$"):
+        Export(result=small_result, slips=(0.2,))

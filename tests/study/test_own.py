@@ -18,7 +18,7 @@ from bayesterra.study.canonical import identity, write_study
 from bayesterra.study.own import allowing_code, own_model
 from bayesterra.study.study import Study, load_study
 from tests.support.one_wheel import WHEEL, MakeTable
-from tests.support.own_laws import Loud, PaperLaw, Plate, Pressing
+from tests.support.own_laws import Loud, PaperLaw, Plate, Pressing, TwoForces
 
 PLATE = 'use = "tests.support.own_laws:Plate"'
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
@@ -94,6 +94,8 @@ def test_parameters_that_are_wrong_are_refused(make_table: MakeTable) -> None:
         plate_study(make_table, priors={"n1": 1.0})
     with pytest.raises(StudyError, match=r"\[model_options\] belong to the models of Ding et al. 2015"):
         plate_study(make_table, model_options={"shear_start": "rim"})
+    with pytest.raises(StudyError, match=r"the model TwoForces fails \(ValueError: .*must return F_N, F_DP and M_DR"):
+        plate_study(make_table, model=TwoForces())
     with pytest.raises(StudyError, match="the model int needs 'parameters', a tuple of names, and a method 'forces'"):
         plate_study(make_table, model=3)
 
