@@ -79,7 +79,7 @@ class Problem:
         """What compiled code needs to know of the likelihood."""
         likelihood = self.target.posterior.likelihood
         forward = likelihood.forward
-        _, rows = forward.model.kernel_inputs(np.zeros((1, 9)), forward.conditions)
+        _, rows, _ = forward.model.kernel_inputs(np.zeros((1, 9)), forward.conditions)
         order = [likelihood.channels.index(name) for name in forward.outcomes]
         scale = np.array([NOISE[name] for name in forward.outcomes])
         return Rows(
