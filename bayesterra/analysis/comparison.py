@@ -34,20 +34,12 @@ MOVED = 1.0
 
 @dataclass(frozen=True)
 class Evidence:
-    """Log evidence of one result.
+    """Log evidence of one result."""
 
-    Attributes
-    ----------
-    value : log of the density of the readings, averaged over the prior that is cut to the physical support.
-    error : its standard error, from the importance weights and the count behind the cut.
-    outcomes : fingerprint of the readings it is the density of; only equal ones compare.
-    reliable : whether the run found that value and error hold.
-    """
-
-    value: float
-    error: float
-    outcomes: str
-    reliable: bool = True
+    value: float  # log of the density of the readings, averaged over the prior that is cut to the physical support
+    error: float  # its standard error, from the importance weights and the count behind the cut
+    outcomes: str  # fingerprint of the readings it is the density of; only equal ones compare
+    reliable: bool = True  # whether the run found that value and error hold
 
 
 @dataclass(frozen=True)

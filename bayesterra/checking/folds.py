@@ -36,16 +36,10 @@ By: TypeAlias = str | Sequence[object]
 
 @dataclass(frozen=True)
 class Fold:
-    """Rows that are left out together.
+    """Rows that are left out together."""
 
-    Attributes
-    ----------
-    name : for tables and figures.
-    left : (m,) which rows of the study's table these are; rows in use only.
-    """
-
-    name: str
-    left: BoolArray
+    name: str  # for tables and figures
+    left: BoolArray  # (m,) which rows of the study's table these are; rows in use only
 
 
 def clusters(values: FloatArray, tolerance: float) -> IntArray:

@@ -215,20 +215,12 @@ _STARTS = np.log([[1.0, 0.5, 2.0, 0.1], [0.5, 0.2, 1.0, 0.3], [2.0, 1.0, 5.0, 0.
 
 @dataclass(frozen=True)
 class TrainingRows:
-    """Training rows of one channel.
+    """Training rows of one channel."""
 
-    Attributes
-    ----------
-    conditions : (n, k), slip first.
-    readings : (n,), none missing.
-    level : (n,) number of the level of every row.
-    slip_level : (n,) number of the cluster of its slip.
-    """
-
-    conditions: FloatArray
-    readings: FloatArray
-    level: IntArray
-    slip_level: IntArray
+    conditions: FloatArray  # (n, k), slip first
+    readings: FloatArray  # (n,), none missing
+    level: IntArray  # (n,) number of the level of every row
+    slip_level: IntArray  # (n,) number of the cluster of its slip
 
     def take(self, keep: BoolArray) -> TrainingRows:
         """Some of the rows."""

@@ -46,22 +46,13 @@ Pits = dict[str, tuple[float, ...]]
 
 @dataclass(frozen=True)
 class LeftOut:
-    """One row left out.
+    """One row left out."""
 
-    Attributes
-    ----------
-    row : its number in the table of measurements.
-    elpd : log density of its readings, predicted by all others.
-    error : Monte Carlo standard error of that.
-    k : Pareto k̂ of the weights that lead there from the full posterior.
-    refitted : whether the posterior without the row was sampled afresh.
-    """
-
-    row: int
-    elpd: float
-    error: float
-    k: float
-    refitted: bool
+    row: int  # its number in the table of measurements
+    elpd: float  # log density of its readings, predicted by all others
+    error: float  # Monte Carlo standard error of that
+    k: float  # Pareto k̂ of the weights that lead there from the full posterior
+    refitted: bool  # whether the posterior without the row was sampled afresh
 
 
 @dataclass(frozen=True)
@@ -118,16 +109,10 @@ def _spread_error(values: FloatArray) -> float:
 
 @dataclass(frozen=True)
 class Without:
-    """The posterior without some rows.
+    """The posterior without some rows."""
 
-    Attributes
-    ----------
-    x : near-independent draws of it (n, d).
-    reliable : False where they come from weights that are too uneven.
-    """
-
-    x: FloatArray
-    reliable: bool
+    x: FloatArray  # near-independent draws of it (n, d)
+    reliable: bool  # False where they come from weights that are too uneven
 
 
 Level = tuple[int, ...]
@@ -328,16 +313,10 @@ def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weigh
 
 @dataclass(frozen=True)
 class Difference:
-    """Elpd of one model less that of another, on the same rows.
+    """Elpd of one model less that of another, on the same rows."""
 
-    Attributes
-    ----------
-    elpd : the difference; positive where the first predicts better.
-    se : its standard error, from the spread of the rows' differences.
-    """
-
-    elpd: float
-    se: float
+    elpd: float  # the difference; positive where the first predicts better
+    se: float  # its standard error, from the spread of the rows' differences
 
     @property
     def distinguishable(self) -> bool:

@@ -39,18 +39,11 @@ LEAST_TOLD = 1e-12
 
 @dataclass(frozen=True)
 class RowPredictions:
-    """Predictions at every row of the table, used or not.
+    """Predictions at every row of the table, used or not."""
 
-    Attributes
-    ----------
-    channels : measured outcomes, the last axis.
-    modelled : (n, rows, channels) without noise, NaN where the model has no answer.
-    readings : (n, rows, channels) with noise.
-    """
-
-    channels: tuple[str, ...]
-    modelled: FloatArray
-    readings: FloatArray
+    channels: tuple[str, ...]  # measured outcomes, the last axis
+    modelled: FloatArray  # (n, rows, channels) without noise, NaN where the model has no answer
+    readings: FloatArray  # (n, rows, channels) with noise
 
 
 def predict_rows(
@@ -119,24 +112,14 @@ def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Curves:
-    """Modelled outcomes of one wheel over slip.
+    """Modelled outcomes of one wheel over slip."""
 
-    Attributes
-    ----------
-    wheel : its name.
-    slip : (g,) grid.
-    outcomes : names of the last axis of ``modelled``.
-    modelled : (n, g, outcomes) without noise, NaN where the model has no answer.
-    readings : the same with noise; outcomes that were not measured have none (NaN).
-    given : load (N) or sinkage (m) along the grid, (g,).
-    """
-
-    wheel: str
-    slip: FloatArray
-    outcomes: tuple[str, ...]
-    modelled: FloatArray
-    readings: FloatArray
-    given: FloatArray
+    wheel: str  # its name
+    slip: FloatArray  # (g,) grid
+    outcomes: tuple[str, ...]  # names of the last axis of ``modelled``
+    modelled: FloatArray  # (n, g, outcomes) without noise, NaN where the model has no answer
+    readings: FloatArray  # the same with noise; outcomes that were not measured have none (NaN)
+    given: FloatArray  # load (N) or sinkage (m) along the grid, (g,)
 
 
 def predict_curves(study: Study, posterior: Posterior, draws: FloatArray, rng: Generator) -> tuple[Curves, ...]:
@@ -317,18 +300,11 @@ class _Pool:
 
 @dataclass(frozen=True)
 class Replicate:
-    """A replicated table.
+    """A replicated table."""
 
-    Attributes
-    ----------
-    readings : (m, channels), NaN where the measured table has none.
-    modelled : draws of its posterior.
-    effective : effective number of draws behind them.
-    """
-
-    readings: FloatArray
-    modelled: Modelled
-    effective: float
+    readings: FloatArray  # (m, channels), NaN where the measured table has none
+    modelled: Modelled  # draws of its posterior
+    effective: float  # effective number of draws behind them
 
 
 def replicates(

@@ -33,24 +33,14 @@ Statistic = Callable[[FloatArray, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class TestStatistic:
-    """A statistic of standardised residuals.
+    """A statistic of standardised residuals."""
 
-    Attributes
-    ----------
-    name : key in tables and records.
-    words : what it is.
-    finding : what its alarm says of a channel.
-    two_sided : whether small values are as strange as large ones.
-    slips : different slips needed at least.
-    value : residuals (..., m) and slips (m,), in ascending order, in; statistic (...) out.
-    """
-
-    name: str
-    words: str
-    finding: str
-    two_sided: bool
-    slips: int
-    value: Statistic
+    name: str  # key in tables and records
+    words: str  # what it is
+    finding: str  # what its alarm says of a channel
+    two_sided: bool  # whether small values are as strange as large ones
+    slips: int  # different slips needed at least
+    value: Statistic  # residuals (..., m) and slips (m,), in ascending order, in; statistic (...) out
 
 
 def _contrast(degree: int) -> Statistic:
@@ -139,20 +129,12 @@ REFERENCE = 2000
 
 @dataclass(frozen=True)
 class Check:
-    """One statistic of one channel.
+    """One statistic of one channel."""
 
-    Attributes
-    ----------
-    channel : its name.
-    statistic : a key of :data:`bayesterra.checking.predictive_checks.TEST_STATISTICS`.
-    p : posterior predictive probability of a value at least as large.
-    calibrated : share of replicated tables that are as strange in this statistic.
-    """
-
-    channel: str
-    statistic: str
-    p: float
-    calibrated: float
+    channel: str  # its name
+    statistic: str  # a key of ``TEST_STATISTICS``
+    p: float  # posterior predictive probability of a value at least as large
+    calibrated: float  # share of replicated tables that are as strange in this statistic
 
     @property
     def finding(self) -> str:
@@ -162,20 +144,12 @@ class Check:
 
 @dataclass(frozen=True)
 class PredictiveChecks:
-    """All checks of a table of readings.
+    """All checks of a table of readings."""
 
-    Attributes
-    ----------
-    checks : every statistic of every channel, the strangest first.
-    overall : share of replicated tables whose strangest statistic is as strange as that of the readings.
-    replicates : number of replicated tables.
-    effective : effective draws of the posteriors of the replicates: 5 % quantile and median.
-    """
-
-    checks: tuple[Check, ...]
-    overall: float
-    replicates: int
-    effective: tuple[float, float]
+    checks: tuple[Check, ...]  # every statistic of every channel, the strangest first
+    overall: float  # share of replicated tables whose strangest statistic is as strange as that of the readings
+    replicates: int  # number of replicated tables
+    effective: tuple[float, float]  # effective draws of the posteriors of the replicates: 5 % quantile and median
 
     @property
     def alarm(self) -> bool:
@@ -340,16 +314,10 @@ class PriorCheck:
 
 @dataclass(frozen=True)
 class PriorChecks:
-    """Checks of the readings against what the prior can predict.
+    """Checks of the readings against what the prior can predict."""
 
-    Attributes
-    ----------
-    checks : every statistic of every channel, but of the normal force where the load is latent.
-    overall : smallest p times the number of checks (Bonferroni), 1 at most.
-    """
-
-    checks: tuple[PriorCheck, ...]
-    overall: float
+    checks: tuple[PriorCheck, ...]  # every statistic of every channel, but of the normal force where the load is latent
+    overall: float  # smallest p times the number of checks (Bonferroni), 1 at most
 
     @property
     def conflict(self) -> bool:

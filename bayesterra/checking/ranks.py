@@ -114,17 +114,11 @@ def rank_test(n: int) -> RankTest:
 
 @dataclass(frozen=True)
 class Error:
-    """An error of a posterior in units of its right standard deviation.
-
-    Attributes
-    ----------
-    scale : its standard deviation over the right one.
-    shift : of its mean.
-    """
+    """An error of a posterior in units of its right standard deviation."""
 
     name: str
-    scale: float = 1.0
-    shift: float = 0.0
+    scale: float = 1.0  # its standard deviation over the right one
+    shift: float = 0.0  # of its mean
 
     def of_value(self) -> FloatArray:
         """Shares (100,) of the ranks of one Gaussian parameter with this error."""

@@ -29,20 +29,12 @@ LONG_RUNS_ONLY = ("steps for", "slowest walker")
 
 @dataclass(frozen=True)
 class Fitted:
-    """A sampled posterior.
+    """A sampled posterior."""
 
-    Attributes
-    ----------
-    draws : near-independent draws (n, d), in the order of the posterior's names.
-    ess : smallest effective sample size behind them.
-    r_hat : largest R-hat across ensembles.
-    converged : whether the draws can be relied on.
-    """
-
-    draws: FloatArray
-    ess: float
-    r_hat: float
-    converged: bool
+    draws: FloatArray  # near-independent draws (n, d), in the order of the posterior's names
+    ess: float  # smallest effective sample size behind them
+    r_hat: float  # largest R-hat across ensembles
+    converged: bool  # whether the draws can be relied on
 
     @property
     def status(self) -> str:
@@ -89,18 +81,13 @@ class ShortRuns:
 
 @dataclass(frozen=True)
 class ShortGroupRuns(ShortRuns):
-    """The same for a study with groups: its joint posterior, whose groups begin alone.
-
-    Attributes
-    ----------
-    warm_ups : sweeps of the short run's warm-ups.
-    """
+    """The same for a study with groups: its joint posterior, whose groups begin alone."""
 
     short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=32, max_steps=80)
     adaptation: AdaptationOptions = AdaptationOptions(
         particles=256, components=6, refinements=(4, 4), more=(), shores=4
     )
-    warm_ups: tuple[int, ...] = (15, 30, 60)
+    warm_ups: tuple[int, ...] = (15, 30, 60)  # sweeps of the short run's warm-ups
 
     def sampled(
         self, study: Study, options: SamplingOptions, seed: SeedSequence, plan: AdaptationOptions

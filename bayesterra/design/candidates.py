@@ -177,38 +177,22 @@ NORMAL_FORCE = "normal_force"
 
 @dataclass(frozen=True)
 class Situation:
-    """Knowledge before the next drive.
+    """Knowledge before the next drive."""
 
-    Attributes
-    ----------
-    study : conditions, model and noise.
-    posterior : its density, which knows which columns of the draws are noise.
-    draws : parameter sets (n, d), of the posterior or of the cut prior.
-    source : ``posterior`` or ``prior``.
-    basis : of one group of a joint posterior: where its parameters come from, a sentence.
-    """
-
-    study: Study
-    posterior: Posterior
-    draws: FloatArray
-    source: str
-    basis: str = ""
+    study: Study  # conditions, model and noise
+    posterior: Posterior  # its density, which knows which columns of the draws are noise
+    draws: FloatArray  # parameter sets (n, d), of the posterior or of the cut prior
+    source: str  # ``posterior`` or ``prior``
+    basis: str = ""  # of one group of a joint posterior: where its parameters come from, a sentence
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One row as every draw expects it: y = f + W⁻¹ ε with independent standard noise ε.
+    """One row as every draw expects it: y = f + W⁻¹ ε with independent standard noise ε."""
 
-    Attributes
-    ----------
-    mean : f (n, k), NaN where the model has no answer.
-    whitening : W (n, k, k), lower triangular.
-    noise : laws of ε.
-    """
-
-    mean: FloatArray
-    whitening: FloatArray
-    noise: tuple[Noise, ...]
+    mean: FloatArray  # f (n, k), NaN where the model has no answer
+    whitening: FloatArray  # W (n, k, k), lower triangular
+    noise: tuple[Noise, ...]  # laws of ε
 
     @property
     def answered(self) -> BoolArray:

@@ -124,20 +124,13 @@ Report = Callable[[Mapping[int, Estimate], Progress], None]
 
 @dataclass
 class Judge:
-    """Has candidates judged, ranks them and exchanges them; each task has a number that tells it for good.
-
-    Attributes
-    ----------
-    by : one of ``CRITERIA``.
-    finished : estimates by number of the task that are known already.
-    report : called with new ones, and the progress.
-    """
+    """Has candidates judged, ranks them and exchanges them; each task has a number that tells it for good."""
 
     grid: Grid
-    by: str
+    by: str  # one of ``CRITERIA``
     engine: Engine
-    finished: Mapping[int, Estimate]
-    report: Report
+    finished: Mapping[int, Estimate]  # estimates by number of the task that are known already
+    report: Report  # called with new ones, and the progress
     count: int = 0
 
     def estimates(self, method: str, picks: Sequence[int | None], place: int) -> tuple[Estimate, ...]:

@@ -213,16 +213,10 @@ BANDWIDTH = 2.0
 
 @dataclass(frozen=True)
 class Interest:
-    """Draws of all parameters, and which of them are asked about.
+    """Draws of all parameters, and which of them are asked about."""
 
-    Attributes
-    ----------
-    draws : (n, d).
-    columns : those of the s parameters of interest.
-    """
-
-    draws: FloatArray
-    columns: tuple[int, ...]
+    draws: FloatArray  # (n, d)
+    columns: tuple[int, ...]  # those of the s parameters of interest
 
     def __getstate__(self) -> dict[str, Any]:
         """Without what can be computed again, which is large."""

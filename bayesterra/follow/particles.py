@@ -27,18 +27,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Particles:
-    """Particles and their weights.
+    """Particles and their weights."""
 
-    Attributes
-    ----------
-    x : parameter sets (n, d), SI and radians.
-    log_likelihood : log likelihood (n,) of all rows so far.
-    log_weights : (n,), summing to one as weights.
-    """
-
-    x: FloatArray
-    log_likelihood: FloatArray
-    log_weights: FloatArray
+    x: FloatArray  # parameter sets (n, d), SI and radians
+    log_likelihood: FloatArray  # log likelihood (n,) of all rows so far
+    log_weights: FloatArray  # (n,), summing to one as weights
 
     @classmethod
     def even(cls, x: FloatArray, log_likelihood: FloatArray) -> Particles:
@@ -92,20 +85,12 @@ STEP_KEEP = 0.4
 
 @dataclass(frozen=True)
 class Learned:
-    """Particles after one more row.
+    """Particles after one more row."""
 
-    Attributes
-    ----------
-    particles : particles of the posterior of all rows.
-    log_predictive : log density of the row's readings given the earlier rows; all constants included.
-    variance : Monte Carlo variance of the log evidence that the resamplings of this row settled.
-    rejuvenations : one for every resampling.
-    """
-
-    particles: Particles
-    log_predictive: float
-    variance: float
-    rejuvenations: tuple[Rejuvenation, ...]
+    particles: Particles  # particles of the posterior of all rows
+    log_predictive: float  # log density of the row's readings given the earlier rows; all constants included
+    variance: float  # Monte Carlo variance of the log evidence that the resamplings of this row settled
+    rejuvenations: tuple[Rejuvenation, ...]  # one for every resampling
 
 
 def learn(
@@ -169,40 +154,23 @@ FEWEST, MOST = 2, 40
 
 @dataclass(frozen=True)
 class Rejuvenation:
-    """Effort of one rejuvenation, which spreads the particles again.
+    """Effort of one rejuvenation, which spreads the particles again."""
 
-    Attributes
-    ----------
-    sweeps : moves of every particle.
-    acceptance : share of accepted independence proposals.
-    correlation : largest correlation of where particles and their tails were with where they are.
-    limit : at which they count as moved; ``FORGOTTEN``, or more where particles are too few to see that.
-    temperature : power of the newest row's likelihood, 1 where it was taken in at once.
-    """
-
-    sweeps: int
-    acceptance: float
-    correlation: float
-    limit: float
-    temperature: float
+    sweeps: int  # moves of every particle
+    acceptance: float  # share of accepted independence proposals
+    correlation: float  # largest correlation of where particles and their tails were with where they are
+    limit: float  # at which they count as moved; ``FORGOTTEN``, or more where particles are too few to see that
+    temperature: float  # power of the newest row's likelihood, 1 where it was taken in at once
 
 
 @dataclass(frozen=True)
 class Levels:
-    """Log densities of a parameter set: prior, earlier rows, newest row.
+    """Log densities of a parameter set: prior, earlier rows, newest row."""
 
-    Attributes
-    ----------
-    posterior : posterior of all rows, the newest one too.
-    earlier : posteriors of the rows before it, by group.
-    newest : posterior of the newest row; where rows hang together of all rows of its group.
-    group : the newest row's.
-    """
-
-    posterior: Whole
-    earlier: Mapping[str, Posterior]
-    newest: Posterior
-    group: str
+    posterior: Whole  # posterior of all rows, the newest one too
+    earlier: Mapping[str, Posterior]  # posteriors of the rows before it, by group
+    newest: Posterior  # posterior of the newest row; where rows hang together of all rows of its group
+    group: str  # the newest row's
 
     @classmethod
     def of(cls, study: Study, rows: Rows) -> Levels:

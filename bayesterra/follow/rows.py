@@ -91,18 +91,11 @@ def _check_noise(study: Study, row: Observations) -> None:
 
 @dataclass
 class Rows:
-    """All rows of a stream. Memory: at most twice what the rows themselves need.
+    """All rows of a stream. Memory: at most twice what the rows themselves need."""
 
-    Attributes
-    ----------
-    wheels : names of the study's wheels.
-    channels : measured channels that are kept, besides slip and load.
-    by : a column of labels that is kept, too, as it says which group a row belongs to; else empty.
-    """
-
-    wheels: tuple[str, ...]
-    channels: tuple[str, ...]
-    by: str = ""
+    wheels: tuple[str, ...]  # names of the study's wheels
+    channels: tuple[str, ...]  # measured channels that are kept, besides slip and load
+    by: str = ""  # a column of labels that is kept, too, as it says which group a row belongs to; else empty
     _cells: FloatArray = field(init=False)
     _wheel: IntArray = field(init=False)
     _label: list[str] = field(default_factory=list, init=False)

@@ -306,16 +306,10 @@ class Unseen:
 
 @dataclass(frozen=True)
 class Ranks:
-    """Singular values of the sensitivities at n parameter sets, and what they leave unseen.
+    """Singular values of the sensitivities at n parameter sets, and what they leave unseen."""
 
-    Attributes
-    ----------
-    matrices : (n, q, d) with rows and columns of unit length; noise parameters are not among the columns.
-    lengths : (n, d) by which columns in units of the prior's standard deviations were divided.
-    """
-
-    matrices: FloatArray
-    lengths: FloatArray
+    matrices: FloatArray  # (n, q, d) with rows and columns of unit length; noise parameters are not among the columns
+    lengths: FloatArray  # (n, d) by which columns in units of the prior's standard deviations were divided
 
     @cached_property
     def _decomposed(self) -> tuple[FloatArray, FloatArray]:

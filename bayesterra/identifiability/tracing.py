@@ -48,23 +48,14 @@ BETWEEN = SOURCES - 1
 
 @dataclass
 class Traces:
-    """Grid points of all parameters and the best that is known at each.
-
-    Attributes
-    ----------
-    column : parameter of each point (g,).
-    place : its scaled value (g,).
-    y : best scaled parameters there (g, d).
-    value : minus log density there (g,), +inf where no way led to the support.
-    witnesses : least value that each kind of start led to (g, SOURCES), NaN where not tried.
-    """
+    """Grid points of all parameters and the best that is known at each."""
 
     target: Target
-    column: IntArray
-    place: FloatArray
-    y: FloatArray
-    value: FloatArray
-    witnesses: FloatArray
+    column: IntArray  # parameter of each point (g,)
+    place: FloatArray  # its scaled value (g,)
+    y: FloatArray  # best scaled parameters there (g, d)
+    value: FloatArray  # minus log density there (g,), +inf where no way led to the support
+    witnesses: FloatArray  # least value that each kind of start led to (g, SOURCES), NaN where not tried
     improved: BoolArray = field(init=False)
 
     def __post_init__(self) -> None:

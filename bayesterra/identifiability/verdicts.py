@@ -51,32 +51,18 @@ WORDS = ("determined", "one-sided", "weakly", "coupled", "moved", "repeats its p
 
 @dataclass(frozen=True)
 class Evidence:
-    """Figures measured about a parameter; those not measured keep their defaults.
+    """Figures measured about a parameter; those not measured keep their defaults."""
 
-    Attributes
-    ----------
-    contraction : 1 − posterior variance over the cut prior's, on the scale of the prior's law.
-    tie : the strongest correlation with another parameter that is not determined.
-    multiple : correlation of its normal score with the best combination of those of all such parameters.
-    given_others : contraction were these others known, as for normal laws.
-    bound : bound of its prior that it leans on, one of ``contraction.BOUNDS``.
-    structural : whether data of this design could determine it.
-    profile : class of the likelihood's profile, one of ``profiles.CLASSES``.
-    excluded : share of the cut prior outside the profile's 95 % interval.
-    divergence : from the cut prior, nats.
-    shift : of the mean from the cut prior's, in its standard deviations, on the scale of the prior's law.
-    """
-
-    contraction: float
-    tie: float = 0.0
-    multiple: float = 0.0
-    given_others: float = 1.0
-    bound: str = "none"
-    structural: bool = True
-    profile: str = ""
-    excluded: float = np.nan
-    divergence: float = np.nan
-    shift: float = 0.0
+    contraction: float  # 1 − posterior variance over the cut prior's, on the scale of the prior's law
+    tie: float = 0.0  # the strongest correlation with another parameter that is not determined
+    multiple: float = 0.0  # correlation of its normal score with the best combination of those of all such parameters
+    given_others: float = 1.0  # contraction were these others known, as for normal laws
+    bound: str = "none"  # bound of its prior that it leans on, one of ``contraction.BOUNDS``
+    structural: bool = True  # whether data of this design could determine it
+    profile: str = ""  # class of the likelihood's profile, one of ``profiles.CLASSES``
+    excluded: float = np.nan  # share of the cut prior outside the profile's 95 % interval
+    divergence: float = np.nan  # from the cut prior, nats
+    shift: float = 0.0  # of the mean from the cut prior's, in its standard deviations, on the scale of the prior's law
 
 
 def word(facts: Evidence) -> str:

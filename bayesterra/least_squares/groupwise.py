@@ -81,20 +81,12 @@ class Step:
 
 @dataclass(frozen=True)
 class Plan:
-    """The steps of a method that the data allow, and what that leaves out.
+    """The steps of a method that the data allow, and what that leaves out."""
 
-    Attributes
-    ----------
-    steps : to be fitted, in order.
-    judged : all steps with readings, for the error figures.
-    missing : parameters that no step can identify.
-    notes : why.
-    """
-
-    steps: tuple[Step, ...]
-    judged: tuple[Step, ...]
-    missing: tuple[str, ...]
-    notes: tuple[str, ...]
+    steps: tuple[Step, ...]  # to be fitted, in order
+    judged: tuple[Step, ...]  # all steps with readings, for the error figures
+    missing: tuple[str, ...]  # parameters that no step can identify
+    notes: tuple[str, ...]  # why
 
     def columns(self, settings: Settings) -> list[int]:
         """Columns of all parameters that the steps fit."""

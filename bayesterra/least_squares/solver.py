@@ -144,18 +144,11 @@ def _widths(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Clip:
-    """Effect of clipping on every row.
+    """Effect of clipping on every row."""
 
-    Attributes
-    ----------
-    theta : (m, k) parameters with which each row is modelled.
-    angle : (m,) how far θm/θ1 lies above (> 0) or below (< 0) its limits.
-    exponent : (m,) how far N lies below its limit, ≤ 0.
-    """
-
-    theta: FloatArray
-    angle: FloatArray
-    exponent: FloatArray
+    theta: FloatArray  # (m, k) parameters with which each row is modelled
+    angle: FloatArray  # (m,) how far θm/θ1 lies above (> 0) or below (< 0) its limits
+    exponent: FloatArray  # (m,) how far N lies below its limit, ≤ 0
 
     @property
     def any(self) -> bool:

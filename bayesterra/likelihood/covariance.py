@@ -211,22 +211,13 @@ NONE = frozen(np.empty(0))
 
 @dataclass(frozen=True)
 class Layout:
-    """Layout of the readings: all that does not depend on the parameters.
+    """Layout of the readings: all that does not depend on the parameters."""
 
-    Attributes
-    ----------
-    errors : discrepancy, ripple and slip errors.
-    rows : the table.
-    channels : measured outcomes, the k columns.
-    tails : laws of their noise.
-    stacks : readings that hang together, of those that are conditioned on.
-    """
-
-    errors: ModelErrors
-    rows: Observations
-    channels: tuple[str, ...]
-    tails: tuple[Tails, ...]
-    stacks: Sequence[Stack]
+    errors: ModelErrors  # discrepancy, ripple and slip errors
+    rows: Observations  # the table
+    channels: tuple[str, ...]  # measured outcomes, the k columns
+    tails: tuple[Tails, ...]  # laws of their noise
+    stacks: Sequence[Stack]  # readings that hang together, of those that are conditioned on
 
     @cached_property
     def heavy(self) -> BoolArray:
@@ -263,20 +254,12 @@ class Layout:
 
 @dataclass(frozen=True)
 class Drawn:
-    """Draws of the model errors.
+    """Draws of the model errors."""
 
-    Attributes
-    ----------
-    at_rows : discrepancy, ripple and effects of errors of conditions at every row (n, m, k).
-    discrepancy : at every row (n, m, k).
-    elsewhere : the discrepancy at other slips (n, g, k).
-    shifts : errors of conditions in standard deviations (n, m, e).
-    """
-
-    at_rows: FloatArray
-    discrepancy: FloatArray
-    elsewhere: FloatArray
-    shifts: FloatArray
+    at_rows: FloatArray  # discrepancy, ripple and effects of errors of conditions at every row (n, m, k)
+    discrepancy: FloatArray  # at every row (n, m, k)
+    elsewhere: FloatArray  # the discrepancy at other slips (n, g, k)
+    shifts: FloatArray  # errors of conditions in standard deviations (n, m, e)
 
 
 @dataclass(frozen=True)

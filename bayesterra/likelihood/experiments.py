@@ -69,20 +69,12 @@ def log_densities(
 
 @dataclass(frozen=True)
 class Spread:
-    """Values of what describes the scatter, (n,) each; no memory: independent readings.
+    """Values of what describes the scatter, (n,) each; no memory: independent readings."""
 
-    Attributes
-    ----------
-    scatter : σ_t.
-    memory : ℓ; None where readings are independent.
-    shift : standard deviation of log p from the seating times z: n σ_0, m; None where there is none.
-    offset : common zero error of the sinkage, m; None where there is none.
-    """
-
-    scatter: FloatArray
-    memory: FloatArray | None
-    shift: FloatArray | None
-    offset: FloatArray | None = None
+    scatter: FloatArray  # σ_t
+    memory: FloatArray | None  # ℓ; None where readings are independent
+    shift: FloatArray | None  # standard deviation of log p from the seating times z: n σ_0, m; None where there is none
+    offset: FloatArray | None = None  # common zero error of the sinkage, m; None where there is none
 
     def true_path(self, path: FloatArray) -> FloatArray:
         """Path (n, m), or (m,) where zeros are right, of what reads ``path`` (m,)."""
@@ -163,15 +155,10 @@ class Experiment:
     """A series of plate or shear tests: conditions, law of the soil, and scatter of the readings about it.
 
     The likelihood is a density of the readings themselves and holds every constant.
-
-    Attributes
-    ----------
-    test : readings, and which parameters of the study the series reads.
-    prior : that holds them; parameter sets (n, d) are those of its free parameters.
     """
 
-    test: SoilTest
-    prior: Prior
+    test: SoilTest  # readings, and which parameters of the study the series reads
+    prior: Prior  # that holds them; parameter sets (n, d) are those of its free parameters
 
     @property
     def readings(self) -> Readings:

@@ -25,18 +25,11 @@ _FORCE = slice(NORMAL_FORCE, NORMAL_FORCE + 1)
 
 @dataclass(frozen=True)
 class Outcomes:
-    """Modelled outcomes of every observation for every parameter set, by channel: ``outcomes["sinkage"]``.
+    """Modelled outcomes of every observation for every parameter set, by channel: ``outcomes["sinkage"]``."""
 
-    Attributes
-    ----------
-    names : the k channels.
-    values : (n, m, k), NaN where the model has no answer.
-    status : (n,) 0, or the highest :class:`bayesterra.models.Status` among rows without an answer.
-    """
-
-    names: tuple[str, ...]
-    values: FloatArray
-    status: IntArray
+    names: tuple[str, ...]  # the k channels
+    values: FloatArray  # (n, m, k), NaN where the model has no answer
+    status: IntArray  # (n,) 0, or the highest ``Status`` among rows without an answer
 
     def __getitem__(self, name: str) -> FloatArray:
         """Values (n, m) of a channel, a view."""

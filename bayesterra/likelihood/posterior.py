@@ -261,18 +261,11 @@ def checked_sets(x: FloatArray, names: Sequence[str]) -> FloatArray:
 
 @dataclass(frozen=True)
 class PriorDraws:
-    """Draws from the prior cut to the physical support, and what the cut took.
+    """Draws from the prior cut to the physical support, and what the cut took."""
 
-    Attributes
-    ----------
-    x : accepted parameter sets (n, d).
-    shares : share of the stated prior in each reason of ``REASONS`` (the support itself included).
-    tried : number of draws from the stated prior behind the shares.
-    """
-
-    x: FloatArray
-    shares: Mapping[str, float]
-    tried: int
+    x: FloatArray  # accepted parameter sets (n, d)
+    shares: Mapping[str, float]  # share of the stated prior in each reason of ``REASONS`` (the support itself included)
+    tried: int  # number of draws from the stated prior behind the shares
 
 
 def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096) -> PriorDraws:

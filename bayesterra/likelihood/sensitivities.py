@@ -48,22 +48,13 @@ from bayesterra.study.priors import Prior
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Modelled outcomes of n parameter sets in m rows and their derivatives, SI; NaN without an answer.
+    """Modelled outcomes of n parameter sets in m rows and their derivatives, SI; NaN without an answer."""
 
-    Attributes
-    ----------
-    names : the d free parameters.
-    channels : the k outcomes.
-    values : (n, m, k).
-    by_parameter : (n, m, k, d), at the given load or sinkage reading; at constant load with drive ``both``.
-    by_load : (n, m, k), derivative by the row's latent load; 0 where the load is known.
-    """
-
-    names: tuple[str, ...]
-    channels: tuple[str, ...]
-    values: FloatArray
-    by_parameter: FloatArray
-    by_load: FloatArray
+    names: tuple[str, ...]  # the d free parameters
+    channels: tuple[str, ...]  # the k outcomes
+    values: FloatArray  # (n, m, k)
+    by_parameter: FloatArray  # (n, m, k, d), at the given load or sinkage reading; at constant load with drive ``both``
+    by_load: FloatArray  # (n, m, k), derivative by the row's latent load; 0 where the load is known
 
     def of(self, channels: tuple[str, ...]) -> Sensitivities:
         """Only some channels."""

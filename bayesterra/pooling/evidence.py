@@ -225,19 +225,12 @@ class DefendedDrivers:
 
     In the second, spreads are independent of all else and their density is that of a half-t law, which is
     flat at zero. Half-normal priors are, and data that agree do not tell small spreads apart.
-
-    Attributes
-    ----------
-    fitted : of all shared values.
-    others : of all but the spreads.
-    columns : of the spreads.
-    scales : of the half-t laws.
     """
 
-    fitted: Proposal
-    others: Proposal
-    columns: tuple[int, ...]
-    scales: FloatArray
+    fitted: Proposal  # of all shared values
+    others: Proposal  # of all but the spreads
+    columns: tuple[int, ...]  # of the spreads
+    scales: FloatArray  # of the half-t laws
 
     def sample(self, n: int, rng: Generator) -> FloatArray:
         """Draw n independent points (n, k)."""

@@ -16,30 +16,17 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Branch:
-    """Loading branch of a plate test.
+    """Loading branch of a plate test."""
 
-    Attributes
-    ----------
-    test : its name.
-    log : the samples of the test, offsets subtracted.
-    stress : ``force`` or ``pressure``, what was measured.
-    diameter : of the plate, m.
-    zero : reading of the sinkage at which the plate meets the soil, m.
-    air : force or pressure in air before it, SI, subtracted from the readings.
-    loading : samples (m,) of the branch.
-    readings : sinkage, m, and force or pressure, SI, (k, 2): means of neighbours that hang together.
-    notes : what was left out, and why.
-    """
-
-    test: str
-    log: Log
-    stress: str
-    diameter: float
-    zero: float
-    air: float
-    loading: BoolArray
-    readings: FloatArray
-    notes: tuple[str, ...]
+    test: str  # its name
+    log: Log  # the samples of the test, offsets subtracted
+    stress: str  # ``force`` or ``pressure``, what was measured
+    diameter: float  # of the plate, m
+    zero: float  # reading of the sinkage at which the plate meets the soil, m
+    air: float  # force or pressure in air before it, SI, subtracted from the readings
+    loading: BoolArray  # samples (m,) of the branch
+    readings: FloatArray  # sinkage, m, and force or pressure, SI, (k, 2): means of neighbours that hang together
+    notes: tuple[str, ...]  # what was left out, and why
 
 
 def branch_of(log: Log, plate: float | None) -> Branch:

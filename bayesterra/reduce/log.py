@@ -31,26 +31,15 @@ OFFSET = ("load", *OUTCOMES[1:], "force", "pressure")
 
 @dataclass(frozen=True)
 class Log:
-    """Time series of one file.
+    """Time series of one file."""
 
-    Attributes
-    ----------
-    name : of the file.
-    values : samples (m,) by channel of ``LOGGED``, SI; NaN where there is no reading.
-    test : name of the test of every sample (m,), where the file has several; else empty.
-    kind : ``measured``, ``digitised`` or ``simulated``.
-    headings : how every column was understood.
-    form : of the file.
-    zeros : offset that was subtracted and its standard error, by channel, SI.
-    """
-
-    name: str
-    values: Mapping[str, FloatArray]
-    test: tuple[str, ...]
-    kind: Kind
-    headings: tuple[Heading, ...]
-    form: str
-    zeros: Mapping[str, tuple[float, float]]
+    name: str  # of the file
+    values: Mapping[str, FloatArray]  # samples (m,) by channel of ``LOGGED``, SI; NaN where there is no reading
+    test: tuple[str, ...]  # name of the test of every sample (m,), where the file has several; else empty
+    kind: Kind  # ``measured``, ``digitised`` or ``simulated``
+    headings: tuple[Heading, ...]  # how every column was understood
+    form: str  # of the file
+    zeros: Mapping[str, tuple[float, float]]  # offset that was subtracted and its standard error, by channel, SI
 
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))

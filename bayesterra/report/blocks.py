@@ -55,19 +55,12 @@ def _length(cell: Cell) -> int:
 
 @dataclass(frozen=True)
 class Picture:
-    """An image with the text that stands for it.
+    """An image with the text that stands for it."""
 
-    Attributes
-    ----------
-    data : as a ``data:`` address.
-    width : at 1 × scale, CSS pixels.
-    drawn : what it shows, for other formats.
-    """
-
-    data: str
+    data: str  # as a ``data:`` address
     alt: str
-    width: int
-    drawn: Drawn = field(repr=False, compare=False)
+    width: int  # at 1 × scale, CSS pixels
+    drawn: Drawn = field(repr=False, compare=False)  # what it shows, for other formats
 
 
 @dataclass(frozen=True)

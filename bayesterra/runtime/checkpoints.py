@@ -61,18 +61,11 @@ class CheckpointStore:
 
 @dataclass(frozen=True)
 class Checkpoints(CheckpointStore):
-    """Finished pieces of one work in a folder that no other process writes to.
+    """Finished pieces of one work in a folder that no other process writes to."""
 
-    Attributes
-    ----------
-    folder : where they are.
-    run : digest of all that the work depends on; pieces of another work are refused.
-    notes : what was found on opening; one sentence each.
-    """
-
-    folder: Path
-    run: str
-    notes: tuple[str, ...] = ()
+    folder: Path  # where they are
+    run: str  # digest of all that the work depends on; pieces of another work are refused
+    notes: tuple[str, ...] = ()  # what was found on opening; one sentence each
     _is_there: Callable[[], bool] = lambda: True
 
     @classmethod

@@ -116,20 +116,12 @@ DRAWS, RECORD = "draws.nc", "run.json"
 
 @dataclass(frozen=True)
 class Drawn:
-    """Draws of a finished result.
+    """Draws of a finished result."""
 
-    Attributes
-    ----------
-    label : where the draws come from, in words.
-    draws : by variable, (chains, draws), SI.
-    units : by variable, as the result states them; "" where it does not.
-    converged : whether the sampling passed its own checks.
-    """
-
-    label: str
-    draws: Mapping[str, FloatArray]
-    units: Mapping[str, str]
-    converged: bool
+    label: str  # where the draws come from, in words
+    draws: Mapping[str, FloatArray]  # by variable, (chains, draws), SI
+    units: Mapping[str, str]  # by variable, as the result states them; "" where it does not
+    converged: bool  # whether the sampling passed its own checks
 
     @classmethod
     def of(cls, posterior: xr.Dataset, record: Mapping[str, Any], place: str) -> Drawn:

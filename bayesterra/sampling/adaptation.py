@@ -61,24 +61,14 @@ OF_SOIL_TESTS = AdaptationOptions(particles=512, components=8, refinements=(4, 8
 
 @dataclass(frozen=True)
 class Adaptation:
-    """Result of the adaptation.
+    """Result of the adaptation."""
 
-    Attributes
-    ----------
-    u : points spread like the posterior (n, d), the starting points of the walkers.
-    temperatures : the inverse temperatures travelled.
-    evaluations : parameter sets evaluated.
-    proposal : the frozen proposal.
-    efficiency : effective share of draws of the proposal before its last fit and its shores.
-    log_evidence : log of the mean importance weight of those same draws, which no fit had seen before.
-    """
-
-    u: FloatArray
-    temperatures: tuple[float, ...]
-    evaluations: int
-    proposal: Proposal
-    efficiency: float
-    log_evidence: float
+    u: FloatArray  # points spread like the posterior (n, d), the starting points of the walkers
+    temperatures: tuple[float, ...]  # the inverse temperatures travelled
+    evaluations: int  # parameter sets evaluated
+    proposal: Proposal  # the frozen proposal
+    efficiency: float  # effective share of draws of the proposal before its last fit and its shores
+    log_evidence: float  # log of the mean importance weight of those same draws, which no fit had seen before
 
 
 @dataclass

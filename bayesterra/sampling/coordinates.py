@@ -190,20 +190,12 @@ class Contact:
 
 @dataclass(frozen=True)
 class Moduli:
-    """k_c, k_φ and what goes with K_s in a block: K_s = k_c/b + k_φ stands in the place of k_φ there.
+    """k_c, k_φ and what goes with K_s in a block: K_s = k_c/b + k_φ stands in the place of k_φ there."""
 
-    Attributes
-    ----------
-    score : of k_c, or of k_c z^n0 where its law is stated at a sinkage.
-    width : wheel width b, m.
-    inner : block of K_s, n0 and the others.
-    reference : that sinkage z, m; at 1 m the law is that of k_c.
-    """
-
-    score: NormalScore
-    width: float
-    inner: Block
-    reference: float = 1.0
+    score: NormalScore  # of k_c, or of k_c z^n0 where its law is stated at a sinkage
+    width: float  # wheel width b, m
+    inner: Block  # block of K_s, n0 and the others
+    reference: float = 1.0  # that sinkage z, m; at 1 m the law is that of k_c
 
     def from_physical(self, x: FloatArray) -> FloatArray:
         """See :class:`Block`."""
@@ -228,19 +220,12 @@ class Plates:
     """k_c, k_φ and n as logs of the pressure under two plates at a typical sinkage, and n.
 
     With plates of one radius there is one such pressure, and the normal score of k_c in place of the other.
-
-    Attributes
-    ----------
-    radii : smallest and largest plate radius, m.
-    sinkage : typical sinkage, m.
-    score : of k_c z^n at the sinkage where its law is stated ...
-    reference : which is this, m.
     """
 
-    radii: tuple[float, float]
-    sinkage: float
-    score: NormalScore
-    reference: float = 1.0
+    radii: tuple[float, float]  # smallest and largest plate radius, m
+    sinkage: float  # typical sinkage, m
+    score: NormalScore  # of k_c z^n at the sinkage at which its law is stated
+    reference: float = 1.0  # sinkage z of that law, m
 
     @property
     def _single(self) -> bool:
@@ -271,16 +256,10 @@ class Plates:
 
 @dataclass(frozen=True)
 class Strength:
-    """c, φ and, if free, K, as the log of the mobilised stress, probit of its frictional share, and log K.
+    """c, φ and, if free, K, as the log of the mobilised stress, probit of its frictional share, and log K."""
 
-    Attributes
-    ----------
-    stress : normal stress p, Pa; the strength there is τ = c + p tan φ.
-    displacement : shear displacement j, m; τ (1 − exp(−j/K)) is mobilised there, (9).
-    """
-
-    stress: float
-    displacement: float
+    stress: float  # normal stress p, Pa; the strength there is τ = c + p tan φ
+    displacement: float  # shear displacement j, m; τ (1 − exp(−j/K)) is mobilised there, (9)
 
     def _log_mobilised(self, log_K: FloatArray) -> FloatArray:
         """Log of 1 − exp(−j/K) (n,); 0 where K is not among the parameters (n, 0)."""

@@ -72,20 +72,12 @@ class EnsembleState:
 
 @dataclass(frozen=True)
 class Segment:
-    """Steps on end, and where they led.
+    """Steps on end, and where they led."""
 
-    Attributes
-    ----------
-    chain : positions (steps, walkers, d).
-    log_density : log target there (steps, walkers).
-    accepted : number of steps that each walker accepted (walkers,).
-    end : where the ensemble stands then.
-    """
-
-    chain: FloatArray
-    log_density: FloatArray
-    accepted: FloatArray
-    end: EnsembleState
+    chain: FloatArray  # positions (steps, walkers, d)
+    log_density: FloatArray  # log target there (steps, walkers)
+    accepted: FloatArray  # number of steps that each walker accepted (walkers,)
+    end: EnsembleState  # where the ensemble stands then
 
 
 class Ensemble:

@@ -35,20 +35,12 @@ REFINEMENT = AdaptationOptions(particles=1024, components=COMPONENTS, refinement
 
 @dataclass(frozen=True)
 class Proposed:
-    """Parameter sets inside the range of the prior, drawn from a proposal.
+    """Parameter sets inside the range of the prior, drawn from a proposal."""
 
-    Attributes
-    ----------
-    u : sampling coordinates (n, d).
-    x : the same in physical units (n, d), SI and radians.
-    log_base : log prior over proposal (n,); with a log likelihood added, log importance weights.
-    drawn : number of sets drawn, those outside the prior's range included.
-    """
-
-    u: FloatArray
-    x: FloatArray
-    log_base: FloatArray
-    drawn: int
+    u: FloatArray  # sampling coordinates (n, d)
+    x: FloatArray  # the same in physical units (n, d), SI and radians
+    log_base: FloatArray  # log prior over proposal (n,); with a log likelihood added, log importance weights
+    drawn: int  # number of sets drawn, those outside the prior's range included
 
     def take(self, chosen: IntArray) -> Proposed:
         """Those of the sets, also repeatedly."""
@@ -135,20 +127,12 @@ REDRAWN = 4000
 
 @dataclass(frozen=True)
 class Redrawn:
-    """Draws of another posterior over the same parameters.
+    """Draws of another posterior over the same parameters."""
 
-    Attributes
-    ----------
-    x : draws (n, d), SI and radians.
-    k_hat : Pareto k̂ of the weights that lead there.
-    refitted : whether these would not do, and a proposal of its own was fitted.
-    reliable : False where that one's weights are too uneven, too.
-    """
-
-    x: FloatArray
-    k_hat: float
-    refitted: bool
-    reliable: bool
+    x: FloatArray  # draws (n, d), SI and radians
+    k_hat: float  # Pareto k̂ of the weights that lead there
+    refitted: bool  # whether these would not do, and a proposal of its own was fitted
+    reliable: bool  # False where that one's weights are too uneven, too
 
 
 def redrawn(near: PosteriorProposal[Posterior], other: Posterior, rng: Generator) -> Redrawn:

@@ -209,18 +209,11 @@ def _sliced(
 
 @dataclass(frozen=True)
 class ConditionalLaw:
-    """Law of coordinates (n, d) given others (n, k).
+    """Law of coordinates (n, d) given others (n, k)."""
 
-    Attributes
-    ----------
-    transport_map : map of given and other coordinates together; the given ones are only standardised.
-    mixture : law of both in straight coordinates, k + d of them.
-    given : k, at least 1.
-    """
-
-    transport_map: TransportMap
-    mixture: StudentMixture
-    given: int
+    transport_map: TransportMap  # map of given and other coordinates together; the given ones are only standardised
+    mixture: StudentMixture  # law of both in straight coordinates, k + d of them
+    given: int  # k, at least 1
 
     @cached_property
     def _marginal(self) -> StudentMixture:

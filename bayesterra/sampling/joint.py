@@ -49,28 +49,16 @@ class PoolingOptions:
 
 @dataclass(frozen=True)
 class JointSamples:
-    """Draws of all ensembles and how they were made.
+    """Draws of all ensembles and how they were made."""
 
-    Attributes
-    ----------
-    joint : what was sampled.
-    chains : physical parameters (ensembles, steps, walkers, d), SI and radians.
-    acceptance : share of accepted proposals of groups' locals (ensembles, walkers).
-    diagnosis : the verdict.
-    lone : samples of each group alone under the stated prior, by group.
-    laws : each ensemble's frozen laws, of shared values and of every group's locals.
-    moves : accepted share of each kind of move, over all ensembles.
-    seconds : wall time by stage; ``processor`` is the processor time of all.
-    """
-
-    joint: JointPosterior
-    chains: FloatArray
-    acceptance: FloatArray
-    diagnosis: Diagnosis
-    lone: Mapping[str, Samples]
-    laws: tuple[Laws, ...]
-    moves: Mapping[str, float]
-    seconds: Mapping[str, float]
+    joint: JointPosterior  # what was sampled
+    chains: FloatArray  # physical parameters (ensembles, steps, walkers, d), SI and radians
+    acceptance: FloatArray  # share of accepted proposals of groups' locals (ensembles, walkers)
+    diagnosis: Diagnosis  # the verdict
+    lone: Mapping[str, Samples]  # samples of each group alone under the stated prior, by group
+    laws: tuple[Laws, ...]  # each ensemble's frozen laws, of shared values and of every group's locals
+    moves: Mapping[str, float]  # accepted share of each kind of move, over all ensembles
+    seconds: Mapping[str, float]  # wall time by stage; ``processor`` is the processor time of all
 
 
 @dataclass(frozen=True)

@@ -59,28 +59,16 @@ class Progress:
 
 @dataclass(frozen=True)
 class Samples:
-    """Draws of all ensembles and how they were made.
+    """Draws of all ensembles and how they were made."""
 
-    Attributes
-    ----------
-    names : free parameters, the last axis of ``chains``.
-    chains : physical parameters (ensembles, steps, walkers, d), SI and radians.
-    acceptance : share of accepted steps (ensembles, walkers).
-    diagnosis : the verdict.
-    adaptations : what each ensemble adapted to before its draws were kept.
-    coordinates : the map that the walkers moved in.
-    seconds : wall time by stage, that of earlier processes included.
-    earlier : wall time spent by earlier processes, s.
-    """
-
-    names: tuple[str, ...]
-    chains: FloatArray
-    acceptance: FloatArray
-    diagnosis: Diagnosis
-    adaptations: tuple[Adaptation, ...]
-    coordinates: Coordinates
-    seconds: dict[str, float] = field(default_factory=dict)
-    earlier: float = 0.0
+    names: tuple[str, ...]  # free parameters, the last axis of ``chains``
+    chains: FloatArray  # physical parameters (ensembles, steps, walkers, d), SI and radians
+    acceptance: FloatArray  # share of accepted steps (ensembles, walkers)
+    diagnosis: Diagnosis  # the verdict
+    adaptations: tuple[Adaptation, ...]  # what each ensemble adapted to before its draws were kept
+    coordinates: Coordinates  # the map that the walkers moved in
+    seconds: dict[str, float] = field(default_factory=dict)  # wall time by stage, that of earlier processes included
+    earlier: float = 0.0  # wall time spent by earlier processes, s
 
 
 @dataclass(frozen=True)
@@ -310,18 +298,11 @@ PRIOR_DRAWS = 4000
 
 @dataclass(frozen=True)
 class ThinnedDraws:
-    """Near-independent draws of all ensembles.
+    """Near-independent draws of all ensembles."""
 
-    Attributes
-    ----------
-    chains : (ensembles, draws, d), laid walker after walker.
-    labels : walker and step of every draw, (ensembles, draws) each.
-    every : one step in ``every`` is kept.
-    """
-
-    chains: FloatArray
-    labels: dict[str, FloatArray]
-    every: int
+    chains: FloatArray  # (ensembles, draws, d), laid walker after walker
+    labels: dict[str, FloatArray]  # walker and step of every draw, (ensembles, draws) each
+    every: int  # one step in ``every`` is kept
 
     @property
     def flat(self) -> FloatArray:

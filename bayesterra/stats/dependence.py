@@ -127,15 +127,10 @@ class Split:
 
     The shared scores have their own marginal; a group's are conditional on them, and groups are independent
     given them. So shared scores and those of any one group together have the whole dependence.
-
-    Attributes
-    ----------
-    whole : dependence of k + d scores, the k shared ones first.
-    shared : k, of which there may be none.
     """
 
-    whole: Dependence
-    shared: int
+    whole: Dependence  # dependence of k + d scores, the k shared ones first
+    shared: int  # k, of which there may be none
 
     @cached_property
     def _first(self) -> Dependence:

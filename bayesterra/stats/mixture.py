@@ -149,20 +149,12 @@ class ProposalLaw(Protocol):
 
 @dataclass(frozen=True)
 class StudentMixture:
-    """A mixture of k Student-t laws in d dimensions with common degrees of freedom.
+    """A mixture of k Student-t laws in d dimensions with common degrees of freedom."""
 
-    Attributes
-    ----------
-    weights : (k,), summing to one.
-    means : (k, d).
-    factors : (k, d, d) lower Cholesky factors of the scale matrices.
-    dof : degrees of freedom; infinite for normal laws.
-    """
-
-    weights: FloatArray
-    means: FloatArray
-    factors: FloatArray
-    dof: float
+    weights: FloatArray  # (k,), summing to one
+    means: FloatArray  # (k, d)
+    factors: FloatArray  # (k, d, d) lower Cholesky factors of the scale matrices
+    dof: float  # degrees of freedom; infinite for normal laws
 
     @cached_property
     def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:

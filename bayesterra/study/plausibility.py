@@ -32,18 +32,11 @@ SURE = 0.001
 
 @dataclass(frozen=True)
 class Repeats:
-    """Scatter of readings of one channel that were taken again under the same conditions.
+    """Scatter of readings of one channel that were taken again under the same conditions."""
 
-    Attributes
-    ----------
-    sd : pooled standard deviation about the means, SI.
-    stated : standard deviation that the study states there, SI; NaN where it is estimated.
-    freedom : degrees of freedom, readings less conditions.
-    """
-
-    sd: float
-    stated: float
-    freedom: int
+    sd: float  # pooled standard deviation about the means, SI
+    stated: float  # standard deviation that the study states there, SI; NaN where it is estimated
+    freedom: int  # degrees of freedom, readings less conditions
 
     @property
     def contradict(self) -> bool:

@@ -179,24 +179,14 @@ LIMITS = {"plate_diameter": (1e-6, 1e3, "from 0.001 mm to 1 km"), "normal_stress
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings of several tests, SI; those of one test stand together, sorted by path.
+    """Readings of several tests, SI; those of one test stand together, sorted by path."""
 
-    Attributes
-    ----------
-    kind : ``plate`` or ``shear``.
-    tests : name of every test (t,).
-    test : which test a reading is of, (m,).
-    path : sinkage or shear displacement (m,), above 0.
-    level : plate radius, m, or normal stress, Pa, of every reading (m,).
-    stress : pressure or shear stress (m,), above 0.
-    """
-
-    kind: str
-    tests: tuple[str, ...]
-    test: IntArray
-    path: FloatArray
-    level: FloatArray
-    stress: FloatArray
+    kind: str  # ``plate`` or ``shear``
+    tests: tuple[str, ...]  # name of every test (t,)
+    test: IntArray  # which test a reading is of, (m,)
+    path: FloatArray  # sinkage or shear displacement (m,), above 0
+    level: FloatArray  # plate radius, m, or normal stress, Pa, of every reading (m,)
+    stress: FloatArray  # pressure or shear stress (m,), above 0
 
     def __len__(self) -> int:
         return len(self.test)
