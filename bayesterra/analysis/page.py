@@ -302,18 +302,12 @@ FEW = 3
 
 @dataclass(frozen=True)
 class Driving:
-    """The small tables of the first screen and their remark.
-
-    Attributes
-    ----------
-    rows : quantity, median and interval of the derived quantities.
-    slip_header, slip_rows : pull and sinkage at a few of the driven slips.
-    """
+    """The small tables of the first screen and their remark."""
 
     heading: str
-    rows: tuple[tuple[Cell, ...], ...]
-    slip_header: tuple[Cell, ...]
-    slip_rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[Cell, ...], ...]  # quantity, median and interval of the derived quantities
+    slip_header: tuple[Cell, ...]  # head of a table of pull and sinkage at a few of the driven slips
+    slip_rows: tuple[tuple[Cell, ...], ...]  # rows of that table
     remark: Markup
 
     @classmethod

@@ -90,25 +90,15 @@ _BATCH, _ATTEMPTS = 128, 2000
 
 @dataclass(frozen=True)
 class Outcome:
-    """Outcome of one replication.
+    """Outcome of one replication."""
 
-    Attributes
-    ----------
-    task : its number, from 1.
-    status : ``converged``, ``not converged`` or ``failed``; a failed one has no ranks.
-    ess, r_hat : of its sampling.
-    seconds : processor time.
-    note : why it failed.
-    ranks : normalised rank of every test quantity, NaN where it is constant.
-    """
-
-    task: int
-    status: str
-    ess: float
-    r_hat: float
-    seconds: float
-    note: str = ""
-    ranks: Mapping[str, float] = field(default_factory=dict)
+    task: int  # its number, from 1
+    status: str  # ``converged``, ``not converged`` or ``failed``; a failed one has no ranks
+    ess: float  # of its sampling
+    r_hat: float  # likewise
+    seconds: float  # processor time
+    note: str = ""  # why it failed
+    ranks: Mapping[str, float] = field(default_factory=dict)  # normalised, of every test quantity; NaN where constant
 
     @classmethod
     def from_record(cls, content: Mapping[str, Any]) -> Outcome:
@@ -215,19 +205,12 @@ FEWEST = 20
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a calibration.
+    """Progress of a calibration."""
 
-    Attributes
-    ----------
-    done, of : replications.
-    unsettled : those that failed or did not converge.
-    seconds_left : at the pace so far; None before the first.
-    """
-
-    done: int
-    of: int
-    unsettled: int
-    seconds_left: float | None
+    done: int  # replications
+    of: int  # as many in all
+    unsettled: int  # those that failed or did not converge
+    seconds_left: float | None  # at the pace so far; None before the first
 
 
 def check(study: Study, n: int) -> None:

@@ -156,47 +156,30 @@ def refits(study: Study) -> ShortRuns:
 
 @dataclass(frozen=True)
 class Band:
-    """Predictive median and 90 % of the readings of one channel over slip, field units.
+    """Predictive median and 90 % of the readings of one channel over slip, field units."""
 
-    Attributes
-    ----------
-    group, wheel, channel : of which; without groups no ``group``.
-    rows : (m,) which rows of the study's table are this wheel's in this group.
-    slip, low, middle, high : (k,); NaN where the model has no answer.
-    """
-
-    group: str
+    group: str  # empty without groups
     wheel: str
     channel: str
-    rows: BoolArray
-    slip: FloatArray
-    low: FloatArray
+    rows: BoolArray  # (m,) which rows of the study's table are this wheel's in this group
+    slip: FloatArray  # (k,)
+    low: FloatArray  # (k,), as the other two: NaN where the model has no answer
     middle: FloatArray
     high: FloatArray
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of leaving one level out.
+    """Result of leaving one level out."""
 
-    Attributes
-    ----------
-    level : its name.
-    status : of the refit: ``converged``, ``not converged`` or ``failed``; a failed one has no model rows.
-    ess, r_hat, seconds : of its sampling; processor time.
-    note : why it failed; or which groups the refit did not have.
-    rows : scores, one entry per predictor, row and channel; see :class:`bayesterra.checking.holdout.Holdout`.
-    bands : of the model without the level, for every group and wheel that has rows of it.
-    """
-
-    level: str
-    status: str
-    ess: float
-    r_hat: float
-    seconds: float
-    note: str = ""
-    rows: tuple[Mapping[str, Any], ...] = ()
-    bands: tuple[Band, ...] = ()
+    level: str  # its name
+    status: str  # of the refit: ``converged``, ``not converged`` or ``failed``; a failed one has no model rows
+    ess: float  # of its sampling
+    r_hat: float  # likewise
+    seconds: float  # processor time
+    note: str = ""  # why it failed; or which groups the refit did not have
+    rows: tuple[Mapping[str, Any], ...] = ()  # scores of every predictor, row and channel; see ``Holdout``
+    bands: tuple[Band, ...] = ()  # of the model without the level, for every group and wheel that has rows of it
 
 
 @dataclass(frozen=True)
@@ -360,19 +343,12 @@ def conditions(study: Study) -> FloatArray:
 
 @dataclass(frozen=True)
 class Predictives:
-    """Predictive laws of left-out readings.
+    """Predictive laws of left-out readings."""
 
-    Attributes
-    ----------
-    channels : scored ones, the last axis.
-    centre, scale : (n, rows, channels) of the law of a reading, NaN where the model has no answer.
-    tails : (channels,) of the noise.
-    """
-
-    channels: tuple[str, ...]
-    centre: FloatArray
-    scale: FloatArray
-    tails: tuple[Tails, ...]
+    channels: tuple[str, ...]  # scored ones, the last axis
+    centre: FloatArray  # of the law of a reading (n, rows, channels), NaN where the model has no answer
+    scale: FloatArray  # of that law, likewise
+    tails: tuple[Tails, ...]  # (channels,) of the noise
 
     def answered(self, row: int) -> BoolArray:
         """True for draws (n,) that have an answer at a row."""

@@ -133,17 +133,11 @@ _U, _DU = 0.5 * (_NODES + 1), 0.5 * _WEIGHTS
 
 @dataclass(frozen=True)
 class Mixture:
-    """Equal parts of laws of one shape.
+    """Equal parts of laws of one shape."""
 
-    Attributes
-    ----------
-    centre, scale : of every part (n,).
-    tails : the shape of all parts.
-    """
-
-    centre: FloatArray
-    scale: FloatArray
-    tails: Tails = GAUSSIAN
+    centre: FloatArray  # of every part (n,)
+    scale: FloatArray  # of every part (n,)
+    tails: Tails = GAUSSIAN  # the shape of all parts
 
     def cdf(self, x: FloatArray) -> FloatArray:
         """Probability (k,) below each of ``x`` (k,)."""

@@ -94,28 +94,18 @@ def predicted(
 
 @dataclass(frozen=True)
 class Count:
-    """Readings of one channel in levels of one kind that the fit had not seen.
+    """Readings of one channel in levels of one kind that the fit had not seen."""
 
-    Attributes
-    ----------
-    by, channel : kind of level, and channel.
-    readings, inside : their number, and how many lie in their 90 % intervals.
-    levels : number of levels.
-    few, many : probability that so few, or so many, of the levels are inside.
-    crps, curve : mean score of the model and of a polynomial over slip, in the field unit.
-    worse : True where the polynomial's is surely the better one.
-    """
-
-    by: str
+    by: str  # kind of level
     channel: str
-    readings: int
-    inside: int
-    levels: int
-    few: float
-    many: float
-    crps: float
-    curve: float
-    worse: bool
+    readings: int  # their number
+    inside: int  # how many lie in their 90 % intervals
+    levels: int  # number of levels
+    few: float  # probability that so few of the levels are inside
+    many: float  # probability that so many are
+    crps: float  # mean score of the model, in the field unit
+    curve: float  # that of a polynomial over slip
+    worse: bool  # True where the polynomial's is surely the better one
 
 
 def counts(records: Sequence[Mapping[str, Any]], model: str) -> tuple[Count, ...]:

@@ -294,22 +294,14 @@ def _strangeness(p: FloatArray, made: FloatArray, two_sided: BoolArray) -> Float
 
 @dataclass(frozen=True)
 class PriorCheck:
-    """A statistic of one channel's readings under the prior alone.
-
-    Attributes
-    ----------
-    statistic : ``mean``, ``slope`` over slip or ``largest``.
-    value : of the readings, SI.
-    low, high : 5 and 95 % of what the prior predicts.
-    p : two-sided prior predictive p.
-    """
+    """A statistic of one channel's readings under the prior alone."""
 
     channel: str
-    statistic: str
-    value: float
-    low: float
-    high: float
-    p: float
+    statistic: str  # ``mean``, ``slope`` over slip or ``largest``
+    value: float  # of the readings, SI
+    low: float  # 5 % of what the prior predicts
+    high: float  # 95 % of it
+    p: float  # two-sided prior predictive p
 
 
 @dataclass(frozen=True)

@@ -285,58 +285,35 @@ NOTABLE = 0.5
 
 @dataclass(frozen=True)
 class Stretch:
-    """Slips over which the 90 % band of a discrepancy leaves 0 to one side.
+    """Slips over which the 90 % band of a discrepancy leaves 0 to one side."""
 
-    Attributes
-    ----------
-    low, high : first and last of these slips.
-    least, most : smallest and greatest median there, SI; negative where the model is too high.
-    """
-
-    low: float
-    high: float
-    least: float
-    most: float
+    low: float  # first of these slips
+    high: float  # last of them
+    least: float  # smallest median there, SI; negative where the model is too high
+    most: float  # greatest median there, likewise
 
 
 @dataclass(frozen=True)
 class Trade:
-    """A shape of a discrepancy that the parameters of the soil can take over.
+    """A shape of a discrepancy that the parameters of the soil can take over."""
 
-    Attributes
-    ----------
-    shape : ``level``, the mean over the driven slips, or ``tilt``, the slope over them.
-    share : of its posterior variance that goes with the parameters, by linear regression on them.
-    parameter, correlation : the one that correlates most with it, and how much.
-    """
-
-    shape: str
-    share: float
-    parameter: str
-    correlation: float
+    shape: str  # ``level``, the mean over the driven slips, or ``tilt``, the slope over them
+    share: float  # of its posterior variance that goes with the parameters, by linear regression on them
+    parameter: str  # the one that correlates most with it
+    correlation: float  # how much
 
 
 @dataclass(frozen=True)
 class Missed:
-    """The discrepancy of one channel of one wheel over the driven slips.
-
-    Attributes
-    ----------
-    wheel, channel : of which.
-    slip : (g,) grid over the driven slips.
-    bands : quantiles ``LEVELS`` of the discrepancy (5, g), SI.
-    rows : slips of the readings in the fit (r,).
-    residuals : median of reading less model there (r,), SI; the model without its discrepancy.
-    trades : shapes that the parameters can take over, the strongest first.
-    """
+    """The discrepancy of one channel of one wheel over the driven slips."""
 
     wheel: str
     channel: str
-    slip: FloatArray
-    bands: FloatArray
-    rows: FloatArray
-    residuals: FloatArray
-    trades: tuple[Trade, ...]
+    slip: FloatArray  # (g,) grid over the driven slips
+    bands: FloatArray  # quantiles ``LEVELS`` of the discrepancy (5, g), SI
+    rows: FloatArray  # slips of the readings in the fit (r,)
+    residuals: FloatArray  # median of reading less model there (r,), SI; the model without its discrepancy
+    trades: tuple[Trade, ...]  # shapes that the parameters can take over, the strongest first
 
     @property
     def stretches(self) -> tuple[Stretch, ...]:

@@ -32,18 +32,12 @@ class Grid:
 
     It is the task as well: a question in, an estimate out. One serves a whole design and keeps what it needs
     again.
-
-    Attributes
-    ----------
-    situation, candidates : what is known before, and what may be driven.
-    interest : the draws and which parameters are asked about.
-    seed : of the readings that are drawn.
     """
 
-    situation: Situation
-    candidates: tuple[Candidate, ...]
-    interest: Interest
-    seed: int
+    situation: Situation  # what is known before
+    candidates: tuple[Candidate, ...]  # what may be driven
+    interest: Interest  # the draws and which parameters are asked about
+    seed: int  # of the readings that are drawn
 
     @cached_property
     def _readings(self) -> dict[int, tuple[Reading, ...]]:
@@ -81,20 +75,12 @@ class Grid:
 
 
 class Question(NamedTuple):
-    """Question to a judge: a candidate, and the place of a plan that it is judged for.
+    """Question to a judge: a candidate, and the place of a plan that it is judged for."""
 
-    Attributes
-    ----------
-    candidate : its number, from 0.
-    place : its place in the plan, from 0.
-    picks : rows that stand already, each in its place; None where there is none.
-    method : one of ``METHODS``.
-    """
-
-    candidate: int
-    place: int
-    picks: tuple[int | None, ...]
-    method: str
+    candidate: int  # its number, from 0
+    place: int  # its place in the plan, from 0
+    picks: tuple[int | None, ...]  # rows that stand already, each in its place; None where there is none
+    method: str  # one of ``METHODS``
 
     def __str__(self) -> str:
         return f"candidate {self.candidate + 1} for drive {self.place + 1}"
@@ -102,21 +88,13 @@ class Question(NamedTuple):
 
 @dataclass(frozen=True)
 class Progress:
-    """Progress of a design.
+    """Progress of a design."""
 
-    Attributes
-    ----------
-    drive : of the plan, from 1, that candidates are judged for.
-    done, of : candidates judged for it, this time, and all.
-    judged : estimates in all.
-    seconds_left : of this time, at the pace so far; None at its start.
-    """
-
-    drive: int
-    done: int
-    of: int
-    judged: int
-    seconds_left: float | None
+    drive: int  # of the plan, from 1, that candidates are judged for
+    done: int  # candidates judged for it, this time
+    of: int  # as many in all
+    judged: int  # estimates in all
+    seconds_left: float | None  # of this time, at the pace so far; None at its start
 
 
 Report = Callable[[Mapping[int, Estimate], Progress], None]
@@ -190,18 +168,11 @@ PASSES = 3
 
 @dataclass(frozen=True)
 class Ranking:
-    """Every candidate beside some rows that stand already, judged by one method.
+    """Every candidate beside some rows that stand already, judged by one method."""
 
-    Attributes
-    ----------
-    estimates : of every candidate together with these rows; NaN where too few draws have an answer.
-    method : ``mixture``, or ``regression``, whose gains are lower bounds.
-    scores : (candidates, 1 + groups) what is maximised, nats.
-    """
-
-    estimates: tuple[Estimate, ...]
-    method: str
-    scores: FloatArray
+    estimates: tuple[Estimate, ...]  # of every candidate together with these rows; NaN where too few draws answer
+    method: str  # ``mixture``, or ``regression``, whose gains are lower bounds
+    scores: FloatArray  # (candidates, 1 + groups) what is maximised, nats
 
     @property
     def order(self) -> list[int]:

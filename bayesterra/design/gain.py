@@ -256,20 +256,12 @@ class Interest:
 
 @dataclass(frozen=True)
 class Pairs:
-    """Log densities of readings, pair by pair of draws.
+    """Log densities of readings, pair by pair of draws."""
 
-    Attributes
-    ----------
-    log : (n, n) log density of the readings that draw i makes, under draw j.
-    conditional : the same under draw j moved to the parameters of interest of draw i; None where these are
-    answered : draws (n,) for which the model has an answer; the others have no part.
-    readings : those readings (n, k).
-    """
-
-    log: FloatArray
-    conditional: FloatArray | None
-    answered: BoolArray
-    readings: FloatArray
+    log: FloatArray  # (n, n) log density of the readings that draw i makes, under draw j
+    conditional: FloatArray | None  # the same, draw j moved to what is of interest of draw i; None where all is
+    answered: BoolArray  # draws (n,) for which the model has an answer; the others have no part
+    readings: FloatArray  # those readings (n, k)
 
     def __add__(self, other: Pairs) -> Pairs:
         """Readings of both, which are independent given the parameters."""

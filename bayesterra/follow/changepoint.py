@@ -53,21 +53,13 @@ ANSWERED = 0.25
 
 @dataclass(frozen=True)
 class Candidates:
-    """Rows at which the soil may have changed, and a Gaussian law of the soil since then.
+    """Rows at which the soil may have changed, and a Gaussian law of the soil since then."""
 
-    Attributes
-    ----------
-    since : row numbers (h,).
-    log_factors : log B(t0, t), (h,).
-    log_sober : the same against an unchanged soil with odd rows, (h,).
-    means, covariances : of the soil since then in sampling coordinates, (h, d) and (h, d, d).
-    """
-
-    since: IntArray
-    log_factors: FloatArray
-    log_sober: FloatArray
-    means: FloatArray
-    covariances: FloatArray
+    since: IntArray  # row numbers (h,)
+    log_factors: FloatArray  # log B(t0, t), (h,)
+    log_sober: FloatArray  # the same against an unchanged soil with odd rows, (h,)
+    means: FloatArray  # of the soil since then in sampling coordinates, (h, d)
+    covariances: FloatArray  # likewise, (h, d, d)
 
     @classmethod
     def none(cls, d: int) -> Candidates:

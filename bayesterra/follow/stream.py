@@ -396,25 +396,15 @@ STATE = "state"
 
 @dataclass(frozen=True)
 class State:
-    """All that a stream holds besides its study and its rows; its size does not grow with the rows.
+    """All that a stream holds besides its study and its rows; its size does not grow with the rows."""
 
-    Attributes
-    ----------
-    cloud : the particles.
-    before : draws of the prior (k, d).
-    candidates : rows at which the soil may have changed.
-    basis : number of rows behind the coordinates of the candidates; 0 before there are any.
-    log_evidence, variance : of all rows; variance settled at resamplings.
-    alarm : if there was one.
-    """
-
-    cloud: Particles
-    before: FloatArray
-    candidates: Candidates
-    basis: int
-    log_evidence: float
-    variance: float
-    alarm: Alarm | None
+    cloud: Particles  # the particles
+    before: FloatArray  # draws of the prior (k, d)
+    candidates: Candidates  # rows at which the soil may have changed
+    basis: int  # number of rows behind the coordinates of the candidates; 0 before there are any
+    log_evidence: float  # of all rows
+    variance: float  # of that, settled at resamplings
+    alarm: Alarm | None  # if there was one
 
 
 def read_state(folder: Path, identity: Identity) -> State:

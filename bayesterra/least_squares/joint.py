@@ -92,23 +92,14 @@ class WeightedMisfit:
 
 @dataclass(frozen=True)
 class JointFit:
-    """Outcome of :func:`fit_joint`.
+    """Outcome of :func:`fit_joint`."""
 
-    Attributes
-    ----------
-    best : parameters and cost after the last round.
-    path : parameters (k,) after each round of weights.
-    sd : typical standard deviation of each channel behind the last weights, SI.
-    errors : error figure (16) of each channel, percent.
-    reached, started : how many starts ended at the best cost, of how many.
-    """
-
-    best: Minimum
-    path: tuple[FloatArray, ...]
-    sd: Mapping[str, float]
-    errors: Mapping[str, float]
-    reached: int
-    started: int
+    best: Minimum  # parameters and cost after the last round
+    path: tuple[FloatArray, ...]  # parameters (k,) after each round of weights
+    sd: Mapping[str, float]  # typical standard deviation of each channel behind the last weights, SI
+    errors: Mapping[str, float]  # error figure (16) of each channel, percent
+    reached: int  # how many starts ended at the best cost
+    started: int  # of how many
 
 
 def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]) -> JointFit:

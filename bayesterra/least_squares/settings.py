@@ -37,24 +37,15 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Settings:
-    """Start and bounds of a fit, SI.
+    """Start and bounds of a fit, SI."""
 
-    Attributes
-    ----------
-    names : the k parameters of the model.
-    start, lower, upper : (k,).
-    held : names of the parameters that stay at ``start``.
-    delta : IM1 stops when c1 and c2 change by less from pass to pass.
-    solver : of the inner fits of IM1, IM2 and IM3: ``converged`` or ``lsqcurvefit``.
-    """
-
-    names: tuple[str, ...]
-    start: FloatArray
+    names: tuple[str, ...]  # the k parameters of the model
+    start: FloatArray  # (k,), as both bounds
     lower: FloatArray
     upper: FloatArray
-    held: tuple[str, ...]
-    delta: float = 0.002
-    solver: str = "converged"
+    held: tuple[str, ...]  # names of the parameters that stay at ``start``
+    delta: float = 0.002  # IM1 stops when c1 and c2 change by less from pass to pass
+    solver: str = "converged"  # of the inner fits of IM1, IM2 and IM3: ``converged`` or ``lsqcurvefit``
 
     def soil(self, theta: FloatArray) -> Soil | SimpleNamespace:
         """The soil of parameters (k,); a namespace of them where the model is one's own."""
@@ -206,20 +197,12 @@ def _in_order(names: Mapping[str, float]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Readings:
-    """Sinkage-driven readings, SI.
+    """Sinkage-driven readings, SI."""
 
-    Attributes
-    ----------
-    conditions : slip and wheel of each row.
-    sinkage : (m,) above 0 and below the radius.
-    forces : ``normal_force``, ``drawbar_pull`` and ``resistance_moment``, each (m,), NaN where not measured.
-    left_out : number of used rows without such a sinkage.
-    """
-
-    conditions: Conditions
-    sinkage: FloatArray
-    forces: Mapping[str, FloatArray]
-    left_out: int = 0
+    conditions: Conditions  # slip and wheel of each row
+    sinkage: FloatArray  # (m,) above 0 and below the radius
+    forces: Mapping[str, FloatArray]  # by channel: normal force, pull and moment (m,), NaN where not measured
+    left_out: int = 0  # number of used rows without such a sinkage
 
 
 def readings(study: Study) -> Readings:

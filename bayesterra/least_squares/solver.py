@@ -58,19 +58,12 @@ class Formula:
 
 @dataclass(frozen=True)
 class Box:
-    """Range of a search: bounds on coordinates x, with parameters (p,) = ``basis`` @ x.
+    """Range of a search: bounds on coordinates x, with parameters (p,) = ``basis`` @ x."""
 
-    Attributes
-    ----------
-    lower, upper : (p,) bounds of the coordinates.
-    columns : the coordinates that are free; the others stay as at the start.
-    basis : (p, p), None where the coordinates are the parameters.
-    """
-
-    lower: FloatArray
-    upper: FloatArray
-    columns: list[int]
-    basis: FloatArray | None = None
+    lower: FloatArray  # bounds (p,) of the coordinates
+    upper: FloatArray  # likewise
+    columns: list[int]  # the coordinates that are free; the others stay as at the start
+    basis: FloatArray | None = None  # (p, p), None where the coordinates are the parameters
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
         """Coordinates (p,) of parameters (p,), the free ones moved inside the bounds."""

@@ -78,24 +78,15 @@ def told_loads(residuals: FloatArray, slopes: FloatArray, scale: FloatArray) -> 
 
 @dataclass(frozen=True)
 class Loads:
-    """Latent loads of n parameter sets in m rows, to first order about loads L.
+    """Latent loads of n parameter sets in m rows, to first order about loads L."""
 
-    Attributes
-    ----------
-    outcomes : at L.
-    values, slopes : of the channels at L and over the load (n, m, k).
-    at : L (n, m), inside the range.
-    mean, sd : of the normal laws in place of the flat prior (n, m).
-    level : log of the flat prior over these laws (n, m).
-    """
-
-    outcomes: Outcomes
-    values: FloatArray
-    slopes: FloatArray
-    at: FloatArray
-    mean: FloatArray
-    sd: FloatArray
-    level: FloatArray
+    outcomes: Outcomes  # at L
+    values: FloatArray  # of the channels at L (n, m, k)
+    slopes: FloatArray  # of these over the load
+    at: FloatArray  # L (n, m), inside the range
+    mean: FloatArray  # of the normal laws in place of the flat prior (n, m)
+    sd: FloatArray  # of these laws
+    level: FloatArray  # log of the flat prior over these laws (n, m)
 
     @classmethod
     def told(

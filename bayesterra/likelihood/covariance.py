@@ -33,21 +33,13 @@ def sweeps(rows: Observations) -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class Stack:
-    """B blocks of q readings each.
+    """B blocks of q readings each."""
 
-    Attributes
-    ----------
-    rows, columns : row and channel of every reading (B, q).
-    terms : which size, and the correlation (B, q, q) that it belongs to.
-    tied : errors of conditions tie the readings of a row.
-    noise : standard deviations (B, q) where they are the same for all parameter sets; else None.
-    """
-
-    rows: IntArray
-    columns: IntArray
-    terms: tuple[tuple[int, FloatArray], ...]
-    tied: bool
-    noise: FloatArray | None = None
+    rows: IntArray  # of every reading (B, q)
+    columns: IntArray  # channel of every reading (B, q)
+    terms: tuple[tuple[int, FloatArray], ...]  # which size, and the correlation (B, q, q) that it belongs to
+    tied: bool  # errors of conditions tie the readings of a row
+    noise: FloatArray | None = None  # standard deviations (B, q) where all parameter sets have the same; else None
 
     @cached_property
     def axes(self) -> tuple[int, FloatArray, FloatArray, float] | None:
@@ -264,27 +256,16 @@ class Drawn:
 
 @dataclass(frozen=True)
 class TableLaw:
-    """Law of the readings of a table at n parameter sets.
+    """Law of the readings of a table at n parameter sets."""
 
-    Attributes
-    ----------
-    layout : what hangs together.
-    mean, scale : what the model says, and the noise of single readings (n, m, k).
-    sizes : standard deviations of discrepancies, ripples and slip errors (n, j).
-    effects : of one standard deviation of every error of a condition (n, m, k, e).
-    whitenings : of every stack.
-    loads : latent loads, whose effects are the last; None where loads are known.
-    sites : what stands in the place of readings without a normal law; None without any.
-    """
-
-    layout: Layout
-    mean: FloatArray
-    scale: FloatArray
-    sizes: FloatArray
-    effects: FloatArray
-    whitenings: tuple[Whitening, ...]
-    loads: Loads | None = None
-    sites: Sites | None = None
+    layout: Layout  # what hangs together
+    mean: FloatArray  # what the model says (n, m, k)
+    scale: FloatArray  # noise of single readings (n, m, k)
+    sizes: FloatArray  # standard deviations of discrepancies, ripples and slip errors (n, j)
+    effects: FloatArray  # of one standard deviation of every error of a condition (n, m, k, e)
+    whitenings: tuple[Whitening, ...]  # of every stack
+    loads: Loads | None = None  # latent loads, whose effects are the last; None where loads are known
+    sites: Sites | None = None  # what stands in the place of readings without a normal law; None without any
 
     def told(self, side: FloatArray, readings: FloatArray) -> TableLaw:
         """The same with normal laws in place of readings that have none; see :class:`Sites`.

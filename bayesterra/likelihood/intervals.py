@@ -20,21 +20,13 @@ from bayesterra.study.observations import Observations
 
 @dataclass(frozen=True)
 class Intervals:
-    """Readings that stand for all values which an instrument shows as them: rounded, or beyond a limit.
+    """Readings that stand for all values which an instrument shows as them: rounded, or beyond a limit."""
 
-    Attributes
-    ----------
-    noise : of the channels.
-    lower, upper : limits (m, k) at which readings end, −inf and +inf where they do not.
-    readings : (m, k) as measured: one of the steps of what is rounded; NaN where there is none.
-    rounding : steps are intervals; else rounding is one more error of the noise.
-    """
-
-    noise: Sequence[Noise]
-    lower: FloatArray
-    upper: FloatArray
-    readings: FloatArray
-    rounding: bool = True
+    noise: Sequence[Noise]  # of the channels
+    lower: FloatArray  # limits (m, k) at which readings end, −inf where they do not
+    upper: FloatArray  # likewise, +inf where they do not
+    readings: FloatArray  # (m, k) as measured: one of the steps of what is rounded; NaN where there is none
+    rounding: bool = True  # steps are intervals; else rounding is one more error of the noise
 
     @classmethod
     def of(

@@ -198,21 +198,13 @@ def _gradient(posterior: Posterior, x: FloatArray, scaled: Scaled) -> FloatArray
 
 @dataclass(frozen=True)
 class Scaled:
-    """Sensitivities of the measured channels, their noise and its slopes.
+    """Sensitivities of the measured channels, their noise and its slopes."""
 
-    Attributes
-    ----------
-    local : values and derivatives.
-    scale : standard deviations (n, m, k).
-    spread, spread_by_load : derivatives of the noise's scale by the parameters and by a latent load.
-    bare_spread : that by the parameters of the scale before readings are rounded.
-    """
-
-    local: Sensitivities
-    scale: FloatArray
-    spread: FloatArray
-    spread_by_load: FloatArray
-    bare_spread: FloatArray
+    local: Sensitivities  # values and derivatives
+    scale: FloatArray  # standard deviations (n, m, k)
+    spread: FloatArray  # derivatives of the noise's scale by the parameters
+    spread_by_load: FloatArray  # that by a latent load
+    bare_spread: FloatArray  # by the parameters, of the scale before readings are rounded
 
     @classmethod
     def of(cls, posterior: Posterior, x: FloatArray) -> Scaled:

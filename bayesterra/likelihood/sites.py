@@ -50,31 +50,19 @@ def stand_in(
 
 @dataclass(frozen=True)
 class Sites:
-    """Normal laws that stand for q readings, given all other readings.
+    """Normal laws that stand for q readings, given all other readings."""
 
-    Attributes
-    ----------
-    row, column : places of the readings.
-    low, high : ends (q,) between which they lie; the same for a number.
-    scale : of their noise (n, q).
-    parts, shares : standard deviations (q, l), in units of the scale, of the normal laws that the noise is a
-        mixture of, and logs of their shares.
-    values, sd : readings in their place (n, q), and standard deviations of these.
-    level : what this leaves of the log probability (n, q).
-    stretch : derivatives (n, q) by the log of ``scale``, but for those by noise of these readings.
-    """
-
-    row: IntArray
-    column: IntArray
-    low: FloatArray
-    high: FloatArray
-    scale: FloatArray
-    parts: FloatArray
-    shares: FloatArray
-    values: FloatArray
-    sd: FloatArray
-    level: FloatArray
-    stretch: FloatArray
+    row: IntArray  # of the readings
+    column: IntArray  # of the readings
+    low: FloatArray  # lower ends (q,) between which they lie
+    high: FloatArray  # upper ends (q,); the same for a number
+    scale: FloatArray  # of their noise (n, q)
+    parts: FloatArray  # sds (q, l), in units of the scale, of the normal laws that the noise is a mixture of
+    shares: FloatArray  # logs of their shares
+    values: FloatArray  # readings in their place (n, q)
+    sd: FloatArray  # standard deviations of these
+    level: FloatArray  # what this leaves of the log probability (n, q)
+    stretch: FloatArray  # derivatives (n, q) by the log of ``scale``, but for those by noise of these readings
 
     @classmethod
     def begun(

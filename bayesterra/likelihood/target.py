@@ -173,21 +173,14 @@ class Chart:
 
     The support of the prior is ``rows @ y <= limits``; limits that are not linear (a load that no sinkage
     carries) show as log likelihoods of −inf.
-
-    Attributes
-    ----------
-    logs : parameters on a log scale: moduli K_s and K, noise (d,).
-    ends : lower and upper end of each range (d, 2).
-    low, width : lower end and width of each range, on its scale (d,).
-    rows, limits : the inequalities (k, d) and (k,), the box among them.
     """
 
-    logs: BoolArray
-    ends: FloatArray
-    low: FloatArray
-    width: FloatArray
-    rows: FloatArray
-    limits: FloatArray
+    logs: BoolArray  # parameters on a log scale: moduli K_s and K, noise (d,)
+    ends: FloatArray  # lower and upper end of each range (d, 2)
+    low: FloatArray  # lower end of each range, on its scale (d,)
+    width: FloatArray  # of each range, likewise
+    rows: FloatArray  # the inequalities (k, d), the box among them
+    limits: FloatArray  # of these (k,)
 
     def to_physical(self, y: FloatArray) -> FloatArray:
         """Parameters x (n, d) of scaled ones (n, d); never beyond the range by a rounding error."""

@@ -344,22 +344,14 @@ class Sharing:
 
 @dataclass(frozen=True)
 class Evidences:
-    """Log evidences of a study under other roles of its parameters, each computed once.
+    """Log evidences of a study under other roles of its parameters, each computed once."""
 
-    Attributes
-    ----------
-    joint : the study's own.
-    chains : draws of each group's posterior alone, physical (ensembles, steps, walkers, parameters).
-    rng : of the estimates, each of which has a stream of its own.
-    complete, stated, none : of what is known beforehand: all shared, the study's own roles, nothing shared.
-    """
-
-    joint: JointPosterior
-    chains: Mapping[str, FloatArray]
-    rng: Generator
-    complete: Level
-    stated: Level
-    none: Level
+    joint: JointPosterior  # the study's own
+    chains: Mapping[str, FloatArray]  # of each group alone, physical (ensembles, steps, walkers, parameters)
+    rng: Generator  # of the estimates, each of which has a stream of its own
+    complete: Level  # what is known beforehand: all shared
+    stated: Level  # known beforehand: the study's own roles
+    none: Level  # known beforehand: nothing shared
     levels: dict[str, Level] = field(default_factory=dict, init=False)
 
     def of(self, shared: Sequence[str], hierarchical: Mapping[str, Population]) -> Level:

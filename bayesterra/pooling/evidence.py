@@ -303,20 +303,12 @@ PLAIN = 16384
 
 @dataclass(frozen=True)
 class Weighed:
-    """Log importance weights in parts; s strata of n draws each.
+    """Log importance weights in parts; s strata of n draws each."""
 
-    Attributes
-    ----------
-    base : log prior over proposal of what all groups share (s, n).
-    groups : log likelihood of every group, its locals integrated out (groups, s, n).
-    rows : the same without one of the group's rows, for every group (rows of the group, s, n).
-    apart : as ``base``, each stratum over its own proposal, not over that of all; None where not known.
-    """
-
-    base: FloatArray
-    groups: FloatArray
-    rows: tuple[FloatArray, ...]
-    apart: FloatArray | None = None
+    base: FloatArray  # log prior over proposal of what all groups share (s, n)
+    groups: FloatArray  # log likelihood of every group, its locals integrated out (groups, s, n)
+    rows: tuple[FloatArray, ...]  # the same without one of the group's rows, for every group (rows of the group, s, n)
+    apart: FloatArray | None = None  # as ``base``, each stratum over its own proposal; None where not known
 
     @property
     def evidence(self) -> Evidence:
@@ -345,18 +337,12 @@ class Weighed:
 
 @dataclass(frozen=True)
 class LeftOutShare:
-    """Log predictive density of readings left out.
+    """Log predictive density of readings left out."""
 
-    Attributes
-    ----------
-    elpd, error : the log density and its Monte Carlo error.
-    k, limit : Pareto shape of the weights without these readings; above ``limit`` neither can be relied on.
-    """
-
-    elpd: float
-    error: float
-    k: float
-    limit: float
+    elpd: float  # the log density
+    error: float  # its Monte Carlo error
+    k: float  # Pareto shape of the weights without these readings
+    limit: float  # above which neither can be relied on
 
     @property
     def reliable(self) -> bool:

@@ -42,42 +42,25 @@ FORCES = ("load", "normal_force", "drawbar_pull")
 
 @dataclass(frozen=True)
 class Settings:
-    """What the reduction of a drive needs beside its log.
+    """What the reduction of a drive needs beside its log."""
 
-    Attributes
-    ----------
-    radius : m, of the wheel: behind ``rim_speed``, or for ``wheel_speed``; None where neither is needed.
-    lugs : number; the period of the ripple is that of their passing.
-    steady : drift that is taken for steady, as a share of the mean (of forces: of the largest force).
-    """
-
-    radius: float | None = None
-    lugs: int = 0
-    steady: float = 0.02
+    radius: float | None = None  # of the wheel, m: behind ``rim_speed``, or for ``wheel_speed``; None where not needed
+    lugs: int = 0  # number; the period of the ripple is that of their passing
+    steady: float = 0.02  # drift that is taken for steady, as a share of the mean (of forces: of the largest force)
 
 
 @dataclass(frozen=True)
 class Window:
-    """A stretch of a drive under one commanded state.
+    """A stretch of a drive under one commanded state."""
 
-    Attributes
-    ----------
-    log : name of the log.
-    start, end : s.
-    rejected : why it gives no row; empty: it gives one.
-    blocks : number of periods that its means are of.
-    period : s, of the ripple; NaN: none is known, blocks are of equal times.
-    mean, sd : by channel, SI: mean, and its standard error.
-    """
-
-    log: str
-    start: float
-    end: float
-    rejected: str = ""
-    blocks: int = 0
-    period: float = np.nan
-    mean: Mapping[str, float] = field(default_factory=dict)
-    sd: Mapping[str, float] = field(default_factory=dict)
+    log: str  # name of the log
+    start: float  # s
+    end: float  # s
+    rejected: str = ""  # why it gives no row; empty: it gives one
+    blocks: int = 0  # number of periods that its means are of
+    period: float = np.nan  # s, of the ripple; NaN: none is known, blocks are of equal times
+    mean: Mapping[str, float] = field(default_factory=dict)  # by channel, SI
+    sd: Mapping[str, float] = field(default_factory=dict)  # its standard error
 
 
 def windows_of(log: Log, settings: Settings) -> tuple[Window, ...]:

@@ -223,19 +223,12 @@ TAIL = 0.001
 
 @dataclass(frozen=True)
 class Axis:
-    """A range, linear or logarithmic.
+    """A range, linear or logarithmic."""
 
-    Attributes
-    ----------
-    low, high : its ends, field units.
-    log : whether equal distances are equal ratios.
-    bounds : the ends of the prior's range, infinite where it has none.
-    """
-
-    low: float
-    high: float
-    log: bool
-    bounds: tuple[float, float]
+    low: float  # its lower end, field units
+    high: float  # its upper end
+    log: bool  # whether equal distances are equal ratios
+    bounds: tuple[float, float]  # the ends of the prior's range, infinite where it has none
 
     def position(self, values: FloatArray | float) -> FloatArray:
         """Position along the axis, 0 at its low and 1 at its high end; beyond for values outside."""

@@ -29,19 +29,12 @@ PARTS: Mapping[str, str] = tomllib.loads(read_text(Path(__file__).with_name("par
 
 @dataclass(frozen=True)
 class Failure:
-    """A part of a result that could not be computed.
+    """A part of a result that could not be computed."""
 
-    Attributes
-    ----------
-    part : an entry of a record, a key of :data:`PARTS`, or ``report: `` and a section of it.
-    error, message : type and text of what was raised.
-    trace : the calls that led there, outermost first: file, line and function.
-    """
-
-    part: str
-    error: str
-    message: str
-    trace: tuple[str, ...]
+    part: str  # an entry of a record, a key of ``PARTS``, or ``report: `` and a section of it
+    error: str  # type of what was raised
+    message: str  # its text
+    trace: tuple[str, ...]  # the calls that led there, outermost first: file, line and function
 
     @classmethod
     def of(cls, part: str, error: Exception) -> Failure:

@@ -265,17 +265,11 @@ WIDENING = 1.3
 
 @dataclass(frozen=True)
 class EvaluatedPoints:
-    """A target, and points that cover it.
+    """A target, and points that cover it."""
 
-    Attributes
-    ----------
-    u, level : points (n, d) and the target's log density there (n,), −inf outside the support.
-    log_target : the log density itself.
-    """
-
-    u: FloatArray
-    level: FloatArray
-    log_target: Callable[[FloatArray], FloatArray]
+    u: FloatArray  # points (n, d)
+    level: FloatArray  # the target's log density there (n,), −inf outside the support
+    log_target: Callable[[FloatArray], FloatArray]  # the log density itself
 
 
 def add_components(

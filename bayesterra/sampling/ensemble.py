@@ -40,23 +40,14 @@ def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
 
 @dataclass(frozen=True)
 class EnsembleState:
-    """State of an ensemble: all that its next step depends on.
+    """State of an ensemble: all that its next step depends on."""
 
-    Attributes
-    ----------
-    u : positions (walkers, d).
-    log_density : log target there (walkers,).
-    words : state of emcee's generator, a Mersenne Twister of 624 words ...
-    position : ... of which this is the next,
-    has_gauss, gauss : and whether a normal draw is left over, and which.
-    """
-
-    u: FloatArray
-    log_density: FloatArray
-    words: NDArray[np.uint32]
-    position: int
-    has_gauss: int
-    gauss: float
+    u: FloatArray  # positions (walkers, d)
+    log_density: FloatArray  # log target there (walkers,)
+    words: NDArray[np.uint32]  # state of emcee's generator, a Mersenne Twister of 624 words
+    position: int  # the next of these
+    has_gauss: int  # whether a normal draw is left over
+    gauss: float  # the one left over
 
     @classmethod
     def of(cls, state: Any) -> EnsembleState:

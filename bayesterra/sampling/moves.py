@@ -89,20 +89,13 @@ class Laws:
 
 @dataclass
 class Walkers:
-    """States of w walkers.
+    """States of w walkers."""
 
-    Attributes
-    ----------
-    D, L : shared values (w, k) and locals (groups, w, d).
-    prior : log density of the shared values (w,).
-    population, likelihood : log densities of every group (groups, w).
-    """
-
-    D: FloatArray
-    L: FloatArray
-    prior: FloatArray
-    population: FloatArray
-    likelihood: FloatArray
+    D: FloatArray  # shared values (w, k)
+    L: FloatArray  # locals (groups, w, d)
+    prior: FloatArray  # log density of the shared values (w,)
+    population: FloatArray  # log density of every group's locals (groups, w)
+    likelihood: FloatArray  # of every group (groups, w)
 
     @classmethod
     def at(cls, family: Family, D: FloatArray, L: FloatArray) -> Walkers:
@@ -291,25 +284,16 @@ _WORD = 2**64
 
 @dataclass(frozen=True)
 class JointState:
-    """State of an ensemble: all that its next sweep depends on.
-
-    Attributes
-    ----------
-    laws, walkers : see :class:`bayesterra.sampling.moves.PooledEnsemble`.
-    words : state and increment of its generator, a PCG64, low word first (4,).
-    has_half, half : whether half a word is left over, and which.
-    kinds : names of moves, one per line, as bytes.
-    accepted, tried : moves of each kind so far.
-    """
+    """State of an ensemble: all that its next sweep depends on."""
 
     laws: Laws
     walkers: Walkers
-    words: NDArray[np.uint64]
-    has_half: int
-    half: int
-    kinds: NDArray[np.uint8]
-    accepted: FloatArray
-    tried: FloatArray
+    words: NDArray[np.uint64]  # state and increment of its generator, a PCG64, low word first (4,)
+    has_half: int  # whether half a word is left over
+    half: int  # the one left over
+    kinds: NDArray[np.uint8]  # names of moves, one per line, as bytes
+    accepted: FloatArray  # moves of each kind so far
+    tried: FloatArray  # likewise
 
     @classmethod
     def of(cls, ensemble: PooledEnsemble) -> JointState:
@@ -345,19 +329,12 @@ class JointState:
 
 @dataclass(frozen=True)
 class JointSegment:
-    """Sweeps on end, and where they led.
+    """Sweeps on end, and where they led."""
 
-    Attributes
-    ----------
-    D, L : shared values (sweeps, w, k) and locals (sweeps, groups, w, d).
-    share : accepted share of each walker (w,).
-    end : where the ensemble stands then.
-    """
-
-    D: FloatArray
-    L: FloatArray
-    share: FloatArray
-    end: JointState
+    D: FloatArray  # shared values (sweeps, w, k)
+    L: FloatArray  # locals (sweeps, groups, w, d)
+    share: FloatArray  # accepted share of each walker (w,)
+    end: JointState  # where the ensemble stands then
 
 
 def begun_or_saved(

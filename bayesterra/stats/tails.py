@@ -21,15 +21,10 @@ PARTS, FARTHEST = 32, 300.0
 
 @dataclass(frozen=True)
 class Tails:
-    """Law of a standardised residual z: the normal law, from which others derive.
+    """Law of a standardised residual z: the normal law, from which others derive."""
 
-    Attributes
-    ----------
-    name, mark : in words, and the letter that marks it in tables.
-    """
-
-    name: ClassVar[str] = "Gaussian"
-    mark: ClassVar[str] = ""
+    name: ClassVar[str] = "Gaussian"  # in words
+    mark: ClassVar[str] = ""  # the letter that marks it in tables
 
     @property
     def keys(self) -> Mapping[str, object]:

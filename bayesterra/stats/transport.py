@@ -74,20 +74,13 @@ class TransportMap:
 
     v_j = (z_j − g_j) exp(−h_j), z = (u − centre)/scale, with g_j a quadratic polynomial with pure cubes and
     h_j a linear function of the z before j. So curved ridges become straight, widening ones even.
-
-    Attributes
-    ----------
-    order : the coordinates, drivers first.
-    centre, scale : of the points (d,).
-    coefficients : of g_j for every position in ``order``.
-    spreads : of h_j likewise.
     """
 
-    order: tuple[int, ...]
-    centre: FloatArray
-    scale: FloatArray
-    coefficients: tuple[FloatArray, ...]
-    spreads: tuple[FloatArray, ...]
+    order: tuple[int, ...]  # the coordinates, drivers first
+    centre: FloatArray  # of the points (d,)
+    scale: FloatArray  # of the points (d,)
+    coefficients: tuple[FloatArray, ...]  # of g_j for every position in ``order``
+    spreads: tuple[FloatArray, ...]  # of h_j likewise
 
     def inverse(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Straight coordinates v (n, d) of points u (n, d), and log |du/dv| (n,)."""

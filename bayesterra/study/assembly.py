@@ -42,24 +42,15 @@ SoilPrior = dict[str, Entry]
 
 @dataclass(frozen=True)
 class StatedSoil:
-    """Prior of the soil parameters as a study states it.
+    """Prior of the soil parameters as a study states it."""
 
-    Attributes
-    ----------
-    entries : laws, fixed values and ties of all soil parameters.
-    correlation, mixtures : of normal scores, by pair and by parameters.
-    taken : joint laws from earlier results, whose single laws stand among the entries.
-    notes : what was filled in, and what to keep in mind.
-    reference, exponent : sinkage (m) and exponent with which laws of the moduli are stated, as of ``Prior``.
-    """
-
-    entries: SoilPrior
-    correlation: Mapping[str, float]
-    mixtures: Mapping[str, MixtureCopula]
-    taken: tuple[PosteriorPrior, ...]
-    notes: tuple[str, ...]
-    reference: float = 1.0
-    exponent: str = "n"
+    entries: SoilPrior  # laws, fixed values and ties of all soil parameters
+    correlation: Mapping[str, float]  # of normal scores, by pair
+    mixtures: Mapping[str, MixtureCopula]  # of normal scores, by parameters
+    taken: tuple[PosteriorPrior, ...]  # joint laws from earlier results, whose single laws stand among the entries
+    notes: tuple[str, ...]  # what was filled in, and what to keep in mind
+    reference: float = 1.0  # sinkage (m) with which laws of the moduli are stated, as of ``Prior``
+    exponent: str = "n"  # name of the exponent there
 
 
 def soil_prior(

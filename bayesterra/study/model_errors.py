@@ -117,17 +117,11 @@ class SlipError:
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """All three; without any of them rows are independent of each other given the parameters.
+    """All three; without any of them rows are independent of each other given the parameters."""
 
-    Attributes
-    ----------
-    discrepancy, ripple : by channel.
-    slip : None where slips are exact.
-    """
-
-    discrepancy: Mapping[str, Discrepancy] = field(default_factory=dict)
-    ripple: Mapping[str, Ripple] = field(default_factory=dict)
-    slip: SlipError | None = None
+    discrepancy: Mapping[str, Discrepancy] = field(default_factory=dict)  # by channel
+    ripple: Mapping[str, Ripple] = field(default_factory=dict)  # by channel
+    slip: SlipError | None = None  # None where slips are exact
 
     def __bool__(self) -> bool:
         return bool(self.discrepancy or self.ripple or self.slip)

@@ -61,18 +61,11 @@ SIMULATED = 2**15
 
 @dataclass(frozen=True)
 class Fidelity:
-    """Fidelity of a joint law to the draws that it stands for.
+    """Fidelity of a joint law to the draws that it stands for."""
 
-    Attributes
-    ----------
-    pair : the two parameters that weigh most in the direction for which it stands worst; empty for one.
-    difference : largest difference of a probability between joint law and draws.
-    noise : largest difference that as many draws of the law itself would show.
-    """
-
-    pair: tuple[str, ...]
-    difference: float
-    noise: float
+    pair: tuple[str, ...]  # the two parameters of the direction for which it stands worst; empty for one
+    difference: float  # largest difference of a probability between joint law and draws
+    noise: float  # largest difference that as many draws of the law itself would show
 
     @property
     def poor(self) -> bool:
