@@ -92,12 +92,7 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 
 def known(kind: str, name: str, names: Iterable[str], where: str = "") -> str:
-    """The name, if it is one of those known; ``where`` begins the message else.
-
-    Raises
-    ------
-    StudyError : it is not, with the name that may be meant.
-    """
+    """The name, if it is one of those known; else StudyError, begun by ``where``, with the name that may be meant."""
     names = list(names)
     if name not in names:
         raise StudyError(f"{where}unknown {kind} '{name}'{did_you_mean(name, names)}")
@@ -122,9 +117,7 @@ _KINDS = {
 def check_kind(call: str, value: object, *kinds: type) -> None:
     """Refuse a value that a public function was called with and that is of none of some kinds.
 
-    Raises
-    ------
-    StudyError : naming the call, what it needs and what makes that, and what was got.
+    StudyError names the call, what it needs and what makes that, and what was got.
     """
     if isinstance(value, kinds):
         return
@@ -138,35 +131,20 @@ def check_kind(call: str, value: object, *kinds: type) -> None:
 
 
 def checked_path(call: str, value: object, what: str) -> Path:
-    """The path that a public function was called with.
-
-    Raises
-    ------
-    StudyError : it is none.
-    """
+    """The path that a public function was called with; StudyError where it is none."""
     if not isinstance(value, str | Path):
         raise StudyError(f"{call} needs the path of {what} (got {_shown(value)})")
     return Path(value)
 
 
 def check_number(name: str, value: object) -> None:
-    """Refuse what is no number, truth values too: True is no reading of 1.
-
-    Raises
-    ------
-    StudyError : naming the value.
-    """
+    """Refuse what is no number, truth values too: True is no reading of 1. StudyError names the value."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise StudyError(f"'{name}' must be a number (got {value!r:.60})")
 
 
 def check_seed(seed: object) -> None:
-    """Refuse what is no seed.
-
-    Raises
-    ------
-    StudyError : it is no whole number, or negative.
-    """
+    """Refuse what is no seed; StudyError where it is no whole number, or negative."""
     if isinstance(seed, bool) or not isinstance(seed, Integral) or seed < 0:
         raise StudyError(f"'seed' must be a whole number from 0 (got {seed!r:.60})")
 
@@ -183,9 +161,7 @@ _UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud8
 def checked_name(name: str, what: str) -> str:
     """The name as it is.
 
-    Raises
-    ------
-    StudyError : it is empty or too long, has spaces around it or a character that does not show.
+    StudyError where it is empty or too long, has spaces around it or a character that does not show.
     """
     if not name or name != name.strip():
         raise StudyError(f"{what} must not be empty nor have spaces around it (got {name!r:.60})")
@@ -199,9 +175,7 @@ def checked_name(name: str, what: str) -> str:
 def checked_text(text: str, what: str) -> str:
     """The text as it is: a title, or a source; it may have several lines.
 
-    Raises
-    ------
-    StudyError : it is too long, or has control characters.
+    StudyError where it is too long, or has control characters.
     """
     if len(text) > LONGEST_TEXT:
         raise StudyError(f"'{what}' must have at most {LONGEST_TEXT} characters (got {len(text)})")

@@ -177,9 +177,7 @@ def columns_of(names: Iterable[str]) -> list[int]:
 def register(parameter: Parameter) -> None:
     """Let studies know a parameter that a model of one's own brings along.
 
-    Raises
-    ------
-    ValueError : its name already means something else.
+    ValueError where its name already means something else.
     """
     name = parameter.name
     if PARAMETERS.get(name, parameter) != parameter or (name in CHANNELS or name in DERIVED):

@@ -290,10 +290,8 @@ def check_draws(tree: xr.DataTree, study: Study) -> None:
 def read_result(folder: Path) -> RunResult:
     """Read the result folder of a run on one soil.
 
-    Raises
-    ------
-    ResultError : the folder is missing, incomplete or damaged, of another kind, as a joint posterior of
-        several groups is, or of another format.
+    ResultError where the folder is missing, incomplete or damaged, of another kind, as a joint posterior of several
+    groups is, or of another format.
     """
     if not folder.is_dir():
         raise ResultError(f"'{folder}' is not a result folder: there is no such folder")
@@ -317,9 +315,7 @@ def read_result(folder: Path) -> RunResult:
 def read_pooled(folder: Path) -> PooledResult:
     """Read the result folder of a study with groups.
 
-    Raises
-    ------
-    ResultError : it is incomplete or damaged, or of another format.
+    ResultError where it is incomplete or damaged, or of another format.
     """
     if missing := _missing(folder, PooledResult):
         raise ResultError(f"'{folder}' is not a complete result folder: {', '.join(missing)} missing")

@@ -164,10 +164,8 @@ def soil_test(
 def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool = False) -> PriorResult:
     """Report on a study's prior alone into a folder; see :func:`bayesterra.analysis.inference.run_prior`.
 
-    Raises
-    ------
-    ResultError : the folder exists (and ``overwrite`` is not given) or cannot be written.
-    SupportError : the prior leaves no parameter set that fits the conditions of the table.
+    ResultError where the folder exists (and ``overwrite`` is not given) or cannot be written; SupportError where the
+    prior leaves no parameter set that fits the conditions of the table.
     """
     check_free(out, overwrite=overwrite)
     with whole_folder(out, overwrite=overwrite) as part:
@@ -175,12 +173,7 @@ def run_prior_study(study: Study, *, out: Path, seed: int = 1, overwrite: bool =
 
 
 def opened(path: Path) -> Study | Result:
-    """The result folder or the study at a path.
-
-    Raises
-    ------
-    BayesterraError : it is neither, or something in it is wrong.
-    """
+    """The result folder or the study at a path; BayesterraError where it is neither, or something in it is wrong."""
     if is_result(path):
         return load_result(path)
     if path.is_file() or (path / "study.toml").is_file():

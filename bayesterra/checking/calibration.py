@@ -216,10 +216,8 @@ class Progress:
 def check(study: Study, n: int) -> None:
     """Make sure that a calibration is possible before work is spent on it.
 
-    Raises
-    ------
-    StudyError : too few replications, or nothing is free.
-    SupportError : the prior leaves no parameter set that fits the conditions of the data.
+    StudyError for too few replications, or where nothing is free; SupportError where the prior leaves no parameter
+    set that fits the conditions of the data.
     """
     if n < FEWEST:
         raise StudyError(f"'n' must be at least {FEWEST} replications, better 200 or more (got {n})")

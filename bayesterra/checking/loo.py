@@ -325,12 +325,7 @@ class Difference:
 
 
 def difference(first: CrossValidation, second: CrossValidation) -> Difference:
-    """Compare two models by the rows that both leave out.
-
-    Raises
-    ------
-    ValueError : they were fitted to different rows.
-    """
+    """Compare two models by the rows that both leave out; ValueError where they were fitted to different rows."""
     rows = [[left_out.row for left_out in model.rows] for model in (first, second)]
     if rows[0] != rows[1]:
         raise ValueError(f"models are compared on the same rows only (got rows {rows[0]} and {rows[1]})")

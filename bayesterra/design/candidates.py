@@ -111,9 +111,7 @@ def candidates(
 def parameters_of_interest(study: Study, about: Sequence[str]) -> tuple[str, ...]:
     """The parameters asked for, or all that are free.
 
-    Raises
-    ------
-    StudyError : nothing is free, or one of them is unknown, fixed or tied.
+    StudyError where nothing is free, or one of them is unknown, fixed or tied.
     """
     free, prior = study.prior.names, study.prior
     if not free:

@@ -410,9 +410,7 @@ class State:
 def read_state(folder: Path, identity: Identity) -> State:
     """The state of a saved stream.
 
-    Raises
-    ------
-    ResultError : it is missing or damaged, or belongs to another study or other rows.
+    ResultError where it is missing or damaged, or belongs to another study or other rows.
     """
     with damage(ResultError, folder / STATE / BEGUN):
         record = read_json(folder / STATE / BEGUN)

@@ -94,12 +94,7 @@ class Plan:
 
 
 def plan(method: str, steps: Sequence[Step], settings: Settings) -> Plan:
-    """Sort out which steps the data allow.
-
-    Raises
-    ------
-    StudyError : a step has readings, but fewer than free parameters.
-    """
+    """Sort out which steps the data allow; StudyError where a step has readings, but fewer than free parameters."""
     wanted = [step for step in steps if step.columns(settings)]
     blind = [step for step in wanted if not step.complete.any()]
     for step in wanted:

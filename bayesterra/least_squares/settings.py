@@ -122,9 +122,7 @@ def _held_by_study(study: Study) -> dict[str, float]:
 def iteration_settings(study: Study, overrides: Overrides) -> Settings:
     """Settings of IM1, IM2 and IM3: those of Table 17 where neither study nor caller say otherwise.
 
-    Raises
-    ------
-    StudyError : an empty range, or a start value outside its bounds.
+    StudyError for an empty range, or a start value outside its bounds.
     """
     asked = overrides.over(study)
     hold = {**HELD, **(asked.hold or {})}

@@ -211,9 +211,7 @@ def reference_load(study: Study) -> float:
 def load_of(study: Study, load: float | str | None) -> float:
     """A load (N) that was asked for, a number or text with a unit; None stands for the reference load.
 
-    Raises
-    ------
-    StudyError : it is not above 0, or not known.
+    StudyError where it is not above 0, or not known.
     """
     value = reference_load(study) if load is None else quantity(load, "N", "load", bare=True)
     if np.isnan(value):

@@ -267,9 +267,7 @@ class JointPosterior:
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log posterior density (n,) of parameter sets ``x`` (n, d) in the order of ``names``.
 
-        Raises
-        ------
-        ValueError : ``x`` does not have one column per parameter.
+        ValueError where ``x`` does not have one column per parameter.
         """
         prior, likelihood = self.log_prior_and_likelihood(x)
         return prior + np.where(np.isfinite(prior), likelihood, 0.0)

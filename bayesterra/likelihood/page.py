@@ -180,9 +180,7 @@ def estimated_noise(study: Study) -> Markup:
 def study_overview(study: Study) -> Overview:
     """Title, columns, measurements, wheels, model, priors and notes of a study, as its pages show them.
 
-    Raises
-    ------
-    SupportError : no parameter set of the prior can explain the conditions.
+    SupportError where no parameter set of the prior can explain the conditions.
     """
     whole = whole_posterior(study)
     lines, doubts = [f"{', '.join(names)}: {source}" for names, source in study.prior.sources.items()], []

@@ -271,9 +271,7 @@ class PriorDraws:
 def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096) -> PriorDraws:
     """Draw ``n`` parameter sets from the prior cut to the physical support.
 
-    Raises
-    ------
-    SupportError : fewer than one in 50 000 draws of the stated prior lies in the support.
+    SupportError where fewer than one in 50 000 draws of the stated prior lies in the support.
     """
     kept: list[FloatArray] = []
     counts = dict.fromkeys(REASONS, 0)

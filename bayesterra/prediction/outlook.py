@@ -433,9 +433,7 @@ def _remarks(study: Study, rover: Rover, asked: State, *, known: bool) -> Iterat
 def slopes_of(texts: Sequence[str]) -> tuple[float | str, ...]:
     """Slopes from texts such as ``0,5,10``, degrees where no unit is given; the default where there are none.
 
-    Raises
-    ------
-    StudyError : one is not a number.
+    StudyError where one is not a number.
     """
     slopes: list[float | str] = []
     for part in (part.strip() for text in texts for part in text.split(",")):

@@ -436,12 +436,7 @@ def wheel_remarks(study: Study, wheel: Wheel, *, known: bool = False) -> Iterato
 
 
 def slips_of(texts: Sequence[str]) -> list[float]:
-    """Slips from texts such as ``0.1,0.3``.
-
-    Raises
-    ------
-    StudyError : one is not a number.
-    """
+    """Slips from texts such as ``0.1,0.3``; StudyError where one is not a number."""
     slips = []
     for part in (part.strip() for text in texts for part in text.split(",")):
         try:

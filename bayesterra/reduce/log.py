@@ -73,9 +73,7 @@ def mean_and_error(samples: FloatArray, blocks: int = 20) -> tuple[float, float]
 def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: str | None = None) -> Log:
     """Read a log; a file that calls itself simulated, in a header or a cell beside the numbers, is taken so.
 
-    Raises
-    ------
-    StudyError : one line that begins with the file: what is wrong and what to do.
+    StudyError is one line that begins with the file: what is wrong and what to do.
     """
     with errors_in(path):
         table = _with_units(read_table(path, sheet, decimal, size=MOST_LOG, rows=MOST_SAMPLES))

@@ -80,9 +80,7 @@ class Reduction(AnalysisResult):
     def save(self, folder: str | Path, *, overwrite: bool = False) -> Path:
         """Write the table, and beside it the page of the same name; both or none, and nothing is replaced.
 
-        Raises
-        ------
-        ResultError : no row was found, a file is there already, or cannot be written.
+        ResultError where no row was found, a file is there already, or cannot be written.
         """
         file = Path(folder)
         if overwrite:

@@ -66,9 +66,7 @@ class Window:
 def windows_of(log: Log, settings: Settings) -> tuple[Window, ...]:
     """Windows of a drive, one for each commanded state, with rows or with the reason why not.
 
-    Raises
-    ------
-    StudyError : a channel or the wheel's radius is missing.
+    StudyError where a channel or the wheel's radius is missing.
     """
     series = drive_series(log, settings)
     time = log.values["time"]

@@ -84,12 +84,7 @@ def styled(draw: Callable[P, R]) -> Callable[P, R]:
 
 
 def one_of(kind: str, value: str, choices: Iterable[str]) -> str:
-    """The value, if it is one of those known.
-
-    Raises
-    ------
-    ValueError : it is not.
-    """
+    """The value, if it is one of those known; else ValueError."""
     choices = list(choices)
     if value not in choices:
         raise ValueError(f"'{kind}' must be one of {', '.join(choices)} (got {value!r})")

@@ -113,9 +113,7 @@ class Checkpoints(CheckpointStore):
     def load(self, name: str) -> dict[str, NDArray[Any]] | None:
         """Read the arrays of a segment; None where it is missing or damaged.
 
-        Raises
-        ------
-        ResultError : it belongs to another work, or to someone who lets nobody read it.
+        ResultError where it belongs to another work, or to someone who lets nobody read it.
         """
         loaded: dict[str, NDArray[Any]] | None = self._load(name, _arrays)
         return loaded
@@ -123,9 +121,7 @@ class Checkpoints(CheckpointStore):
     def save(self, name: str, segment: Mapping[str, NDArray[Any]]) -> None:
         """Write a segment, whole or not at all; safe from several threads for segments of different names.
 
-        Raises
-        ------
-        ResultError : it cannot be written, or the folder has gone from under this program.
+        ResultError where it cannot be written, or the folder has gone from under this program.
         """
         arrays = BytesIO()
         np.savez(arrays, **dict[str, Any](segment))

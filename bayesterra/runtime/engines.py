@@ -237,9 +237,7 @@ GLANCE = 1.0
 def chosen(workers: int | None, scheduler: str | None) -> Engine:
     """The engine that a command's options ask for; by default a pool on all usable processors.
 
-    Raises
-    ------
-    EngineError : both are given, there are no workers, or no scheduler answers.
+    EngineError where both are given, there are no workers, or no scheduler answers.
     """
     if scheduler is not None:
         if workers is not None:

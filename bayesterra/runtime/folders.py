@@ -421,9 +421,7 @@ def write_new(file: Path, text: str) -> None:
 def write_new_files(contents: Mapping[Path, str]) -> None:
     """Write text files that do not exist yet, all of them or none.
 
-    Raises
-    ------
-    ResultError : one exists already, or cannot be written.
+    ResultError where one exists already, or cannot be written.
     """
     for path in contents:
         if os.path.lexists(path):

@@ -38,10 +38,7 @@ FILTERS = (1, 2, 3)
 def read_tree(path: Path) -> xr.DataTree:
     """Read a netCDF file that :func:`write_tree` wrote, into memory.
 
-    Raises
-    ------
-    OSError, ValueError, and what else h5py and xarray raise on damaged files: see
-    :data:`bayesterra.runtime.reading.UNREADABLE`.
+    What h5py and xarray raise on damaged files is in :data:`bayesterra.runtime.reading.UNREADABLE`.
     """
     check_ordinary(os.stat(path), path, MOST_BYTES)
     with h5py.File(path, "r") as file:
@@ -145,9 +142,7 @@ def is_result(folder: Path) -> bool:
 def read_drawn(folder: Path) -> Drawn:
     """Read the posterior draws of a result folder.
 
-    Raises
-    ------
-    StudyError : there is no such folder, its run has not ended, or it holds no posterior.
+    StudyError where there is no such folder, its run has not ended, or it holds no posterior.
     """
     name = f"'{folder}'"
     if not os.path.isdir(folder):

@@ -56,9 +56,7 @@ def reason(error: BaseException) -> str:
 def read_bytes(path: Path, most: int) -> bytes:
     """Content of an ordinary file.
 
-    Raises
-    ------
-    OSError : it cannot be read, is a device, a pipe or a folder, or has more than ``most`` bytes.
+    OSError where it cannot be read, is a device, a pipe or a folder, or has more than ``most`` bytes.
     """
     content = bytearray()
     for block in _blocks(path, most):  # not all at once: that would reserve what the size only claims
@@ -152,9 +150,7 @@ def sums_of(folder: Path, names: Iterable[str]) -> str:
 def check_sums(folder: Path, *names: str) -> None:
     """Make sure that files are as they were written; of folders without ``SHA256SUMS`` nothing is known.
 
-    Raises
-    ------
-    ResultError : a file is missing or not what it was, or cannot be read; the message names it.
+    ResultError where a file is missing or not what it was, or cannot be read; the message names it.
     """
     sums = listed(folder)
     for name in names if sums is not None else ():

@@ -378,10 +378,7 @@ class Record(BaseModel):
     def read(cls, path: Path) -> dict[str, Any]:
         """Content of a file that :meth:`write` wrote, or a version before there were format numbers.
 
-        Raises
-        ------
-        OSError, ValueError : it cannot be read, or is no such record.
-        ResultError : it has another format.
+        OSError or ValueError where it cannot be read, or is no such record; ResultError where it has another format.
         """
         content = read_json(path)
         if isinstance(content, dict) and (number := content.get("format", 1)) != cls.FORMAT:

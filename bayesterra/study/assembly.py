@@ -216,10 +216,8 @@ def with_soil_tests(
 ) -> StatedSoil:
     """The prior with the scatter of soil tests, checked to hold all that these read and nothing idle.
 
-    Raises
-    ------
-    StudyError : a parameter of a test has no prior, or one is read by nothing; laws of moduli are stated at a
-        sinkage whose exponent is not that of the plates, or of the wheel.
+    StudyError where a parameter of a test has no prior, or one is read by nothing; laws of moduli are stated at a
+    sinkage whose exponent is not that of the plates, or of the wheel.
     """
     read = {name: own for test in tests.values() for own, name in test.names.items() if name not in test.scatter}
     for name, own in read.items():

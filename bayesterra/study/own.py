@@ -114,9 +114,7 @@ def installed_models() -> dict[str, str]:
 def loaded_model(stated: Mapping[str, object], *, bare: bool = False) -> StudyModel:
     """The model that a table ``[model]`` names by ``use``; its other keys make it.
 
-    Raises
-    ------
-    StudyError : code is not allowed, cannot be loaded, or makes no model.
+    StudyError where code is not allowed, cannot be loaded, or makes no model.
     """
     keywords = {str(key): value for key, value in stated.items()}
     use = keywords.pop("use", None)

@@ -515,9 +515,7 @@ def read_toml(path: Path, kind: str = "study") -> dict[str, Any]:
 def know_model(folder: Path) -> None:
     """Make the parameters of a saved study known before its record and draws are read.
 
-    Raises
-    ------
-    StudyError : its model is code that is not allowed, or cannot be loaded.
+    StudyError where its model is code that is not allowed, or cannot be loaded.
     """
     stated: object = None
     with suppress(StudyError):  # a folder without a sound study says so itself

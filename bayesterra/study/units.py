@@ -77,9 +77,7 @@ def factor(unit: str, dimension: str) -> float:
 def si_of(unit: str, name: str) -> tuple[float, str]:
     """SI value of a unit, and the SI unit of its dimension; 1 and "" for a pure number.
 
-    Raises
-    ------
-    StudyError : the unit is not known.
+    StudyError where the unit is not known.
     """
     if not unit:
         return 1.0, ""
