@@ -234,7 +234,9 @@ def compare(
     ResultError : too few or too many results, or a folder that cannot be read.
     StudyError : an unknown wheel, or no load is known to compare them under.
     """
-    named = _by_group(_named(results))
+    whole = _named(results).items()
+    parts = ((name, group, own) for name, result in whole for group, own in result.by_group().items())
+    named = {f"{name}: {group}" if group else name: own for name, group, own in parts}
     if not 2 <= len(named) <= MOST:
         raise ResultError(f"two to {MOST} results can be compared (got {len(named)})")
     first = next(iter(named.values()))
@@ -276,15 +278,6 @@ def _named(results: object) -> Mapping[str, Result]:
         raise StudyError(f"bt.compare needs a list of result folders, or results by name (got {got})")
     what = "a result folder in its list (results themselves go by name: {'a': result})"
     return load_results([checked_path("bt.compare", folder, what) for folder in results])
-
-
-def _by_group(results: Mapping[str, Result]) -> dict[str, Result]:
-    """The results, a joint posterior as one of each of its groups."""
-    return {
-        f"{name}: {group}" if group else name: result.of_group(group) if group else result
-        for name, result in results.items()
-        for group in result.groups or ("",)
-    }
 
 
 def load_results(folders: Sequence[Path]) -> dict[str, Result]:

@@ -72,7 +72,6 @@ def run(
     seed : the same seed gives the same draws on one machine, whatever the number of cores.
     report : called as the sampling goes on.
     checkpoint_store : what to resume from and to save every stage in.
-
     crosscheck : repeat the sampling by nested sampling and record whether it agrees.
 
     Returns
@@ -350,7 +349,8 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
         "constant_data": conditions_dataset(study),
         **curves,
     }
-    record = result.prior_record(study, seed, {"tried": cut.tried, "shares": dict(cut.shares)})
+    support = {"tried": cut.tried, "shares": dict(cut.shares)}
+    record = {**result.origin(study, seed), "prior_only": True, "prior_support": support}
     return PriorResult(
         study=study, draws=labelled_tree(groups), summary=_summary(study, cut.x, failures),
         predictive=predictive_table(study, predictions), record=with_failures(record, failures),

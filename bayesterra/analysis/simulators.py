@@ -48,7 +48,7 @@ def chrono_scm(result: Result, slips: Sequence[float] = ()) -> dict[str, str]:
     """
     _check(slips)
     files: dict[str, str] = {}
-    for place, (group, one) in enumerate(_groups(result), 1):
+    for place, (group, one) in enumerate(result.by_group().items(), 1):
         draws, places = spread(one, SOILS)
         soils = _soils(one, draws)
         for slip in slips or _levels(one):
@@ -65,12 +65,6 @@ def chrono_scm(result: Result, slips: Sequence[float] = ()) -> dict[str, str]:
 def _check(slips: Sequence[float]) -> None:
     if wrong := next((slip for slip in slips if not 0 <= slip < 1), None):
         raise ResultError(f"'slip' must lie in [0, 1) (got {wrong:g})")
-
-
-def _groups(result: Result) -> Iterator[tuple[str, Result]]:
-    """Results of single groups by name; of no name without groups."""
-    for group in result.groups or ("",):
-        yield group, result.of_group(group) if group else result
 
 
 def _levels(result: Result) -> tuple[float, ...]:
@@ -130,7 +124,7 @@ def projection(result: Result, slips: Sequence[float] = ()) -> pd.DataFrame:
     ResultError : as of :func:`chrono_scm`.
     """
     _check(slips)
-    rows = [row for group, one in _groups(result) if one.study.wheels for row in _errors(group, one, slips)]
+    rows = [row for group, one in result.by_group().items() if one.study.wheels for row in _errors(group, one, slips)]
     return pd.DataFrame(rows)
 
 

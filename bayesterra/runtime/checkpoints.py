@@ -95,14 +95,14 @@ class Checkpoints(CheckpointStore):
         begun = identity_in(folder)
         if begun is not None and begun != present:
             raise _refusal(folder, difference(begun, present))
-        damaged = cls(folder, _digest(present))._without_damage()
+        damaged = cls(folder, digest(present))._without_damage()
         handle = os.open(folder, os.O_RDONLY)  # while it is open, no other folder gets its number
         saved = len(_names(folder))
         resumed = [f"going on from {counted(saved, 'saved segment')}"] if saved else []
-        opened = cls(folder, _digest(present), (*damaged, *resumed), Lock(handle, folder))
+        opened = cls(folder, digest(present), (*damaged, *resumed), Lock(handle, folder))
         finalize(opened, os.close, handle)
         if begun is None:
-            record = {"run": _digest(present), "kind": kind, "identity": present}
+            record = {"run": digest(present), "kind": kind, "identity": present}
             write_text(folder / BEGUN, json.dumps(record, ensure_ascii=False, indent=1) + "\n")
         return opened
 
@@ -222,7 +222,7 @@ def identity_in(folder: Path) -> Any:
     """Identity with which work was begun; None where that is missing or damaged, and its pieces must tell."""
     try:
         record = read_json(folder / BEGUN)
-        return record["identity"] if record["run"] == _digest(record["identity"]) else None
+        return record["identity"] if record["run"] == digest(record["identity"]) else None
     except PermissionError as error:
         raise _unreadable(folder / BEGUN, error) from error
     except (OSError, ValueError, KeyError, TypeError):
@@ -233,13 +233,9 @@ def _unreadable(path: Path, error: OSError) -> ResultError:
     return ResultError(f"'{path}' cannot be read ({error.strerror}): ask its owner for leave to read it")
 
 
-def _digest(identity: Any) -> str:
-    return sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
-
-
 def digest(identity: Identity) -> str:
     """SHA-256 of all that a run depends on."""
-    return _digest(json.loads(json.dumps(identity)))
+    return sha256(json.dumps(identity, sort_keys=True).encode()).hexdigest()
 
 
 def _refusal(folder: Path, why: str) -> ResultError:

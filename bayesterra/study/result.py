@@ -6,12 +6,12 @@ from __future__ import annotations
 import platform
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NotRequired, Self, TypeVar, get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 
 CURVE_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+R = TypeVar("R")
 
 
 class AnalysisResult(ABC):
@@ -254,6 +255,10 @@ class Result(DrawnResult):
         """Names of the groups of a joint posterior."""
         return ()
 
+    def by_group(self) -> dict[str, Result]:
+        """Result of every group by name; without groups the result itself, under no name."""
+        return {group: self.of_group(group) if group else self for group in self.groups or ("",)}
+
     def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
         """Result of one group of a joint posterior, see ``PooledResult``; without groups the result itself.
 
@@ -278,17 +283,13 @@ SI_UNITS = {"phi": "rad", "Ks": "Pa/m^N"}
 """Units of draws that their dimension does not say in full."""
 
 
-def parameter_dataset(
-    names: tuple[str, ...],
-    chains: FloatArray,
-    quantities: Mapping[str, parameters.Parameter] = parameters.PARAMETERS,
-    units: Mapping[str, str] = SI_UNITS,
-) -> xr.Dataset:
+def parameter_dataset(names: tuple[str, ...], chains: FloatArray) -> xr.Dataset:
     """Label draws (chain, draw, d) by parameter; each variable says its unit, in SI."""
     dataset = labelled_dataset({name: (("chain", "draw"), chains[:, :, i]) for i, name in enumerate(names)})
     for name in names:
-        unit = units.get(name, quantities[name].dimension or "1")
-        dataset[name].attrs.update(units=unit, long_name=quantities[name].description)
+        parameter = parameters.PARAMETERS[name]
+        unit = SI_UNITS.get(name, parameter.dimension or "1")
+        dataset[name].attrs.update(units=unit, long_name=parameter.description)
     return dataset
 
 
@@ -385,7 +386,7 @@ class IdentifiabilityRow:
     bound: str
     tied_to: str
     tie: float
-    multiple: float
+    multiple: float = float("nan")
     shift: float = float("nan")
 
     @property
@@ -406,36 +407,24 @@ def shown(verdict: str) -> str:
 
 def summary_rows(result: DrawnResult) -> dict[str, SummaryRow]:
     """Rows of the summary by parameter or derived quantity, in its order."""
-    names = [column.name for column in fields(SummaryRow) if column.name != "mode_at"]
-    return {
-        name: SummaryRow(
-            **{key: float(row[key]) for key in names if key in row}, mode_at=str(row.get("mode_at", "inside"))
-        )
-        for name, row in _records(result.summary)
-    }
+    return _rows(SummaryRow, result.summary)
 
 
 def identifiability_rows(result: Result) -> dict[str, IdentifiabilityRow]:
     """Rows of the identifiability table by parameter, in its order."""
+    table = result.identifiability
+    # folders of versions that did not have these columns coupled with any parameter
+    older = {"tied_to": table.get("partner"), "tie": table.get("correlation")}
+    return _rows(IdentifiabilityRow, table.assign(**{name: older[name] for name in older if name not in table}))
+
+
+def _rows(kind: type[R], table: pd.DataFrame) -> dict[str, R]:
+    """Rows of a table by parameter; columns that it lacks have their defaults."""
+    columns = {name: str if of is str else float for name, of in get_type_hints(kind).items()}
     return {
-        name: IdentifiabilityRow(
-            str(row["verdict"]),
-            float(row["contraction"]),
-            str(row["partner"]),
-            float(row["correlation"]),
-            str(row["bound"]),
-            # folders of versions that did not have these columns coupled with any parameter
-            str(row.get("tied_to", row["partner"])),
-            float(row.get("tie", row["correlation"])),
-            float(row.get("multiple", np.nan)),
-            float(row.get("shift", np.nan)),
-        )
-        for name, row in _records(result.identifiability)
+        str(row["parameter"]): kind(**{name: of(row[name]) for name, of in columns.items() if name in row})
+        for row in table.to_dict("records")
     }
-
-
-def _records(table: pd.DataFrame) -> list[tuple[str, dict[str, float | str]]]:
-    return [(str(row["parameter"]), {str(k): v for k, v in row.items()}) for row in table.to_dict("records")]
 
 
 COUPLED = 0.8
@@ -446,12 +435,7 @@ PACKAGES = ("bayesterra", "numpy", "scipy", "numba", "emcee", "arviz-stats", "xa
 
 def run_record(study: Study, seed: int, findings: dict[str, Any], seconds: dict[str, float]) -> dict[str, Any]:
     """Put together the content of ``run.json``: ``findings`` of the analysis, and ``seconds`` by stage."""
-    return {**_origin(study, seed), "settings": asdict(study.sampling), "seconds": seconds, **findings}
-
-
-def prior_record(study: Study, seed: int, support: dict[str, Any]) -> dict[str, Any]:
-    """Put together the content of ``run.json`` of a prior without readings; ``support``: its physical cut."""
-    return {**_origin(study, seed), "prior_only": True, "prior_support": support}
+    return {**origin(study, seed), "settings": asdict(study.sampling), "seconds": seconds, **findings}
 
 
 def versions() -> dict[str, str]:
@@ -459,7 +443,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}}
 
 
-def _origin(study: Study, seed: int) -> dict[str, Any]:
+def origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
         "title": study.title,
