@@ -15,12 +15,12 @@ from bayesterra.models import MODELS, ForwardModel, OwnModel, Soil, Wheel
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import Law
 from bayesterra.study.drive import Drive
-from bayesterra.study.entries import prior_set
+from bayesterra.study.entries import StatedPriors, prior_set
 from bayesterra.study.model_errors import ModelErrors
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, sifted
 from bayesterra.study.priors import Entry, Prior, Tie
-from bayesterra.study.schema import ModelOptions, StatedPriors, WheelTable
+from bayesterra.study.schema import ModelOptions, WheelTable
 from bayesterra.study.soil_tests import EXAMPLES, SoilTest, check_above
 
 if TYPE_CHECKING:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -58,7 +59,7 @@ def prior_entry(name: str, value: object, *, bare: bool) -> Entry:
     bare : take numbers as SI values.
     """
     if name not in parameters.PRIOR_PARAMETERS and not parameters.of_soil_tests(name):
-        keys = ("set", "from", "correlation", "mixture", "reference_sinkage", *parameters.PRIOR_PARAMETERS)
+        keys = ("set", "from", "correlation", "mixture", REFERENCE, *parameters.PRIOR_PARAMETERS)
         raise StudyError(f"unknown parameter '{name}'{did_you_mean(name, keys)}")
     if isinstance(value, Law | Tie):
         return value
@@ -315,6 +316,58 @@ def _estimate(channel: str, value: object, *, bare: bool) -> Law:
         scale = quantity(entry["scale"], dimension, f"{channel}.estimate.scale", bare=bare)
         entry["lower"] = f"{scale / 10!r} {dimension}"
     return law(f"{channel}.estimate", entry, dimension, bare=bare)
+
+
+def noise(value: object, *, bare: bool) -> dict[str, Noise]:
+    """The [noise] table: noise of every channel."""
+    return {channel: noise_entry(channel, item, bare=bare) for channel, item in table(value, "noise").items()}
+
+
+REFERENCE = "reference_sinkage"
+"""Key of [priors]: laws of k_c and k_φ are those of k_c zⁿ and k_φ zⁿ at this sinkage."""
+
+
+@dataclass(frozen=True)
+class StatedPriors:
+    """The [priors] table as it was read.
+
+    Attributes
+    ----------
+    entries : laws, fixed values and ties by parameter.
+    chosen : name of the prior ``set`` for the other parameters; None where none is named.
+    sources : what is taken ``from`` earlier results.
+    correlation : of normal scores, by pair.
+    mixtures : mixture copulas by parameters.
+    reference : sinkage (m) at which the laws of k_c and k_φ are those of k_c zⁿ and k_φ zⁿ; 1 m: of k_c and k_φ.
+    """
+
+    entries: Mapping[str, Entry] = field(default_factory=dict)
+    chosen: str | None = None
+    sources: tuple[Source, ...] = ()
+    correlation: Mapping[str, float] = field(default_factory=dict)
+    mixtures: Mapping[str, MixtureCopula] = field(default_factory=dict)
+    reference: float = 1.0
+
+    def beside(self, study: Path) -> StatedPriors:
+        """The same, with folders of results understood from that of a study file."""
+        return replace(self, sources=tuple(source.beside(study) for source in self.sources))
+
+
+def priors(value: object, *, bare: bool) -> StatedPriors:
+    """The [priors] table, or what was made of it."""
+    if isinstance(value, StatedPriors):
+        return value
+    content = table(value, "priors")
+    earlier, tied, mixed = content.pop("from", ()), content.pop("correlation", {}), content.pop("mixture", {})
+    reference = quantity(content.pop(REFERENCE, "1 m"), "m", REFERENCE, bare=bare)
+    if reference <= 0:
+        raise StudyError(f"'{REFERENCE}' must be above 0 (got {reference:g} m)")
+    chosen = content.pop("set", None)
+    if chosen is not None and str(chosen) not in stated_sets():
+        raise StudyError(f"unknown prior set {chosen!r}{did_you_mean(str(chosen), stated_sets())}")
+    stated = {key: prior_entry(key, item, bare=bare) for key, item in content.items()}
+    name = None if chosen is None else str(chosen)
+    return StatedPriors(stated, name, sources(earlier), correlations(tied), mixtures(mixed), reference)
 
 
 _OF_LOADS = "load_effect"

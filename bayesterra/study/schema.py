@@ -6,7 +6,6 @@ unit, and calls from Python, where numbers are SI values (``bare`` in the valida
 
 from __future__ import annotations
 
-import dataclasses
 import datetime
 import json
 import re
@@ -41,14 +40,12 @@ from bayesterra.errors import StudyError, checked_name, checked_text, did_you_me
 from bayesterra.models import MODELS, OwnModel
 from bayesterra.parameters import MODEL_PARAMETERS, PARAMETERS, whole_and_part
 from bayesterra.runtime.reading import MOST_TOML, check_depth, read_text, reason
-from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.study import entries
-from bayesterra.study.entries import stated_sets
+from bayesterra.study.entries import StatedPriors
 from bayesterra.study.groups import Pooling, pooling_table
 from bayesterra.study.model_errors import Discrepancy, Ripple, SlipError, discrepancies, ripples, slip_error
 from bayesterra.study.noise import Noise
 from bayesterra.study.own import installed_models, loaded_model
-from bayesterra.study.priors import Entry, Source
 from bayesterra.study.units import quantity
 
 T = TypeVar("T")
@@ -77,68 +74,6 @@ def _stated(value: object, info: ValidationInfo) -> dict[str, float]:
     return {n: entries.parameter_value(n, item, (n,), bare=bare_numbers(info)) for n, item in items}
 
 
-def _noise(value: object, info: ValidationInfo) -> dict[str, Noise]:
-    items = entries.table(value, "noise").items()
-    return {channel: entries.noise_entry(channel, item, bare=bare_numbers(info)) for channel, item in items}
-
-
-def _read(reader: Callable[..., T], value: object, info: ValidationInfo) -> T:
-    """A table by its own reader."""
-    return reader(value, bare=bare_numbers(info))
-
-
-def _priors(value: object, info: ValidationInfo) -> StatedPriors:
-    if isinstance(value, StatedPriors):
-        return value
-    content = entries.table(value, "priors")
-    sources, correlation = content.pop("from", ()), content.pop("correlation", {})
-    mixtures = content.pop("mixture", {})
-    reference = quantity(content.pop(REFERENCE, "1 m"), "m", REFERENCE, bare=bare_numbers(info))
-    if reference <= 0:
-        raise StudyError(f"'{REFERENCE}' must be above 0 (got {reference:g} m)")
-    name = content.pop("set", None)
-    if name is not None and str(name) not in stated_sets():
-        raise StudyError(f"unknown prior set {name!r}{did_you_mean(str(name), stated_sets())}")
-    return StatedPriors(
-        {key: entries.prior_entry(key, item, bare=bare_numbers(info)) for key, item in content.items()},
-        None if name is None else str(name),
-        entries.sources(sources),
-        entries.correlations(correlation),
-        entries.mixtures(mixtures),
-        reference,
-    )
-
-
-REFERENCE = "reference_sinkage"
-"""Key of [priors]: laws of k_c and k_φ are those of k_c zⁿ and k_φ zⁿ at this sinkage."""
-
-
-@dataclasses.dataclass(frozen=True)
-class StatedPriors:
-    """The [priors] table as it was read.
-
-    Attributes
-    ----------
-    entries : laws, fixed values and ties by parameter.
-    chosen : name of the prior ``set`` for the other parameters; None where none is named.
-    sources : what is taken ``from`` earlier results.
-    correlation : of normal scores, by pair.
-    mixtures : mixture copulas by parameters.
-    reference : sinkage (m) at which the laws of k_c and k_φ are those of k_c zⁿ and k_φ zⁿ; 1 m: of k_c and k_φ.
-    """
-
-    entries: Mapping[str, Entry] = dataclasses.field(default_factory=dict)
-    chosen: str | None = None
-    sources: tuple[Source, ...] = ()
-    correlation: Mapping[str, float] = dataclasses.field(default_factory=dict)
-    mixtures: Mapping[str, MixtureCopula] = dataclasses.field(default_factory=dict)
-    reference: float = 1.0
-
-    def beside(self, study: Path) -> StatedPriors:
-        """The same, with folders of results understood from that of a study file."""
-        return dataclasses.replace(self, sources=tuple(source.beside(study) for source in self.sources))
-
-
 def gathered(own: tuple[str, ...], value: object) -> object:
     """Gather what stands in a table beside its ``own`` keys under ``values``."""
     if not isinstance(value, Mapping) or "values" in value:
@@ -159,10 +94,6 @@ def _load_range(value: object, info: ValidationInfo) -> tuple[float, float] | No
     if not 0 < low < high:
         raise StudyError(f"'load_range' must rise and be above 0 (got {low:g} N and {high:g} N)")
     return low, high
-
-
-def _two_slips(value: object) -> tuple[float, float]:
-    return _two(value, "transition_slips", "", "two slips, e.g. [0.15, 0.5]")
 
 
 def _two(value: object, name: str, dimension: str, what: str, *, bare: bool = False) -> tuple[float, float]:
@@ -216,8 +147,8 @@ _Open, _Values = dict[str, Any], dict[str, str | float]
 
 
 def _entries(reader: Callable[..., Any]) -> PlainValidator:
-    """A table whose entries have a reader of their own."""
-    return PlainValidator(reader, json_schema_input_type=_Open)
+    """A table that has a reader of its own."""
+    return PlainValidator(lambda value, info: reader(value, bare=bare_numbers(info)), json_schema_input_type=_Open)
 
 
 Text = Annotated[StrictStr, AfterValidator(lambda text, info: checked_text(text, str(info.field_name)))]
@@ -279,7 +210,7 @@ def _range(dimension: str, value: object, info: ValidationInfo) -> tuple[float, 
     return low, high
 
 
-def _frame(value: object) -> object:
+def _frame(value: object, *, bare: bool) -> object:
     """A table of readings that Python gives in place of a file."""
     if not isinstance(value, pd.DataFrame | None):
         raise StudyError(f"unknown key 'table' (readings stand in 'file'; got {_shortened(value)})")
@@ -291,6 +222,8 @@ def _ranged(dimension: str) -> BeforeValidator:
 
 
 Range = tuple[float, float] | None
+_POOLING = BeforeValidator(lambda by, info: pooling_table(by, bare=bare_numbers(info)), json_schema_input_type=_Open)
+_TWO_SLIPS = BeforeValidator(partial(_two, name="transition_slips", dimension="", what="two slips, e.g. [0.15, 0.5]"))
 
 
 @dataclass(frozen=True, kw_only=True, config=_CONFIG)
@@ -315,7 +248,7 @@ class SoilTestTable(Table):
     """Step in log sinkage (displacement): of readings of one test that are closer the first is used."""
     tie: dict[str, StrictStr] = Field(default_factory=dict)
     """Parameter of the study by parameter of the test, where the two have other names."""
-    noise: Annotated[dict[str, Any], _entries(partial(_read, entries.scatter))] = Field(default_factory=dict)
+    noise: Annotated[dict[str, Any], _entries(entries.scatter)] = Field(default_factory=dict)
     """Scatter of the tests: laws of unknown parameters, values of fixed ones, and ``independent``."""
 
 
@@ -339,7 +272,7 @@ class WheelTable(Table):
 class ModelOptions(Table):
     """Options of the wheel-soil model, as :class:`bayesterra.models.M2L`."""
 
-    transition_slips: Annotated[tuple[float, float], BeforeValidator(_two_slips)] = (0.15, 0.5)
+    transition_slips: Annotated[tuple[float, float], _TWO_SLIPS] = (0.15, 0.5)
     """Slips s_j1 and s_j2 of Ding et al. 2015, (13), between which shearing moves from the lug tips to the rim."""
     shear_start: Literal["transition", "rim", "tip"] = "transition"
     """Radius R_j at which shearing starts: Ding et al. 2015, (13), or held at the ``rim`` or the ``tip``."""
@@ -428,13 +361,9 @@ class StudyContent(Table):
     model: Annotated[Any, PlainValidator(_model, json_schema_input_type=str | _Open), Field(description=_MODELS)] = "M1"
     drive: Literal["load", "sinkage", "both"] = "load"
     """Quantity known of a row beside its slip: the load, the sinkage, or ``both`` read with errors."""
-    load_range: Annotated[
-        tuple[float, float] | None, BeforeValidator(_load_range, json_schema_input_type=list[str])
-    ] = None
+    load_range: Annotated[Range, BeforeValidator(_load_range, json_schema_input_type=list[str])] = None
     """Ends of the flat prior of every true load in the drive ``both``; left out: six sd beyond the readings."""
-    pooling: Annotated[Pooling | None, BeforeValidator(partial(_read, pooling_table), json_schema_input_type=_Open)] = (
-        None
-    )
+    pooling: Annotated[Pooling | None, _POOLING] = None
     """Parameters that groups of rows share, and those that each has for itself."""
     data: DataTable | None = None
     """Place of the measurements; left out where there are soil tests alone."""
@@ -446,17 +375,15 @@ class StudyContent(Table):
     """Plates and shear tests of the same soil, by a name with which their own parameters end."""
     model_options: Annotated[ModelOptions, BeforeValidator(_plain)] = ModelOptions()
     """Options of the model."""
-    noise: Annotated[dict[str, Noise], _entries(_noise)] = Field(default_factory=dict)
+    noise: Annotated[dict[str, Noise], _entries(entries.noise)] = Field(default_factory=dict)
     """Noise of each measured channel."""
-    discrepancy: Annotated[dict[str, Discrepancy], _entries(partial(_read, discrepancies))] = Field(
-        default_factory=dict
-    )
+    discrepancy: Annotated[dict[str, Discrepancy], _entries(discrepancies)] = Field(default_factory=dict)
     """Smooth error of the model over slip, by channel."""
-    ripple: Annotated[dict[str, Ripple], _entries(partial(_read, ripples))] = Field(default_factory=dict)
+    ripple: Annotated[dict[str, Ripple], _entries(ripples)] = Field(default_factory=dict)
     """Noise of a channel that hangs together along a sweep."""
-    slip: Annotated[SlipError | None, _entries(partial(_read, slip_error))] = None
+    slip: Annotated[SlipError | None, _entries(slip_error)] = None
     """Error of the slip readings; left out: slips are exact."""
-    priors: Annotated[StatedPriors, _entries(_priors)] = StatedPriors()
+    priors: Annotated[StatedPriors, _entries(entries.priors)] = StatedPriors()
     """Prior of each parameter: a law, a fixed value, a tie, a set, or an earlier result."""
     least_squares: Annotated[LeastSquaresOptions, BeforeValidator(_plain)] = LeastSquaresOptions()
     """Options of the least-squares fits."""
@@ -469,16 +396,12 @@ class StudyContent(Table):
 
 
 def checked(tables: Mapping[str, Any], *, bare: bool) -> StudyContent:
-    """Check the tables of a study and convert them to SI.
+    """Check the tables of a study and convert them to SI; StudyError names table, key, what must hold and what was got.
 
     Parameters
     ----------
     tables : by name, as in a study file.
     bare : take numbers as SI values, as calls from Python do; else every dimensional value needs a unit.
-
-    Raises
-    ------
-    StudyError : naming table, key, what must hold and the value got.
     """
     return checked_by(_ADAPTER, tables, bare=bare)
 

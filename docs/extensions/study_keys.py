@@ -36,7 +36,7 @@ _OPEN: dict[str, list[tuple[str, type | None]]] = {
     "discrepancy": [("discrepancy.<channel>", Discrepancy)],
     "ripple": [("ripple.<channel>", Ripple)],
     "slip": [("slip", SlipError)],
-    "priors": [("priors", schema.StatedPriors), ("priors.from", Source), ("priors.<parameter>", Law)],
+    "priors": [("priors", entries.StatedPriors), ("priors.from", Source), ("priors.<parameter>", Law)],
     "pooling": [("pooling", Pooling), ("pooling.hierarchical.<parameter>", Population)],
 }
 """Classes that hold the tables with readers of their own."""
