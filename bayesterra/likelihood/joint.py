@@ -35,15 +35,10 @@ class JointPosterior:
     prior is the stated one, set to zero where any group's parameters are outside the physical support.
     Stated correlations hold among what is shared and what a group has. A hierarchical value enters them by
     its normal score under the law of its population, whose mean and spread are independent of all else.
-
-    Attributes
-    ----------
-    pooling : the role of every free parameter.
-    groups : posterior of each group's rows alone, by the group's name; all have the same parameters.
     """
 
-    pooling: Pooling
-    groups: Mapping[str, Posterior]
+    pooling: Pooling  # the role of every free parameter
+    groups: Mapping[str, Posterior]  # of each group's rows alone, by its name; all have the same parameters
     grouped: ClassVar[Literal[True]] = True
 
     @cached_property
@@ -80,14 +75,12 @@ class JointPosterior:
     @cached_property
     def shared_and_hyper(self) -> tuple[str, ...]:
         """Shared parameters, then mean and spread of every population: ``K.mean``, ``K.spread``."""
-        hyper = (f"{name}.{part}" for name in self.populations for part in (MEAN, SPREAD))
-        return (*self.shared, *hyper)
+        return (*self.shared, *(f"{name}.{part}" for name in self.populations for part in (MEAN, SPREAD)))
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """All parameters: shared values, then those of each group in turn, ``K[Wh11]``."""
-        own = (name_in_group(name, group) for group in self.groups for name in self.local)
-        return (*self.shared_and_hyper, *own)
+        return (*self.shared_and_hyper, *(name_in_group(name, group) for group in self.groups for name in self.local))
 
     @cached_property
     def prior(self) -> JointPrior:
@@ -97,8 +90,8 @@ class JointPosterior:
     @cached_property
     def places(self) -> tuple[IntArray, ...]:
         """Columns of parameter sets (n, all) that are the parameters of every group."""
-        whole = ([name if name in self.shared else name_in_group(name, group) for name in self.first.names]
-                 for group in self.groups)  # fmt: skip
+        own, shared = self.first.names, self.shared
+        whole = ([name if name in shared else name_in_group(name, group) for name in own] for group in self.groups)
         return tuple(np.array([self.names.index(name) for name in names], dtype=np.int64) for names in whole)
 
     @cached_property
@@ -126,8 +119,7 @@ class JointPosterior:
         return tuple(name for name in self.local if self._correlates(name))
 
     def _correlates(self, name: str) -> bool:
-        prior = self.first.prior
-        return prior.names.index(name) in prior.correlated
+        return self.first.prior.names.index(name) in self.first.prior.correlated
 
     def population(self, name: str, shared: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Mean and spread (n,) of a population among shared values."""
@@ -229,13 +221,13 @@ class JointPosterior:
 
     def log_prior_of_shared(self, shared: FloatArray) -> FloatArray:
         """Log density (n,) of shared parameters, means and spreads under their stated laws."""
-        total, column = np.zeros(len(shared)), len(self.shared)
+        total = np.zeros(len(shared))
         for i, name in enumerate(self.shared):
             total += self.laws[name].log_density(shared[:, i])
-        for mean, spread in self.hyper.values():
-            total += mean.log_density(shared[:, column]) + spread.log_density(shared[:, column + 1])
-            total = np.where(shared[:, column + 1] > 0, total, -np.inf)
-            column += 2
+        for name, laws in self.hyper.items():
+            mean, spread = self.population(name, shared)
+            total += laws[0].log_density(mean) + laws[1].log_density(spread)
+            total = np.where(spread > 0, total, -np.inf)
         total = np.where(np.isfinite(total), total, -np.inf)
         return total + self.log_dependence_of_shared(shared)
 
@@ -265,10 +257,7 @@ class JointPosterior:
         return self.groups[group].log_prior_and_likelihood(self.of_group(shared, own))[1]
 
     def log_density(self, x: FloatArray) -> FloatArray:
-        """Log posterior density (n,) of parameter sets ``x`` (n, d) in the order of ``names``.
-
-        ValueError where ``x`` does not have one column per parameter.
-        """
+        """Log posterior density (n,) of sets ``x`` (n, d); ValueError without one column for each of ``names``."""
         prior, likelihood = self.log_prior_and_likelihood(x)
         return prior + np.where(np.isfinite(prior), likelihood, 0.0)
 
@@ -423,10 +412,9 @@ class JointPrior:
     @cached_property
     def correlated(self) -> list[int]:
         """Columns of parameters that depend on another one, as those within a population do."""
-        others = (self.score_correlation - np.eye(len(self.joint.names))).any(axis=1)
-        within = (self.joint.names.index(name_in_group(name, group))
-                  for name in self.joint.populations for group in self.joint.groups)  # fmt: skip
-        return sorted({*np.flatnonzero(others).tolist(), *within})
+        others = np.asarray((self.score_correlation - np.eye(len(self.joint.names))).any(axis=1))
+        within = {name_in_group(name, group) for name in self.joint.populations for group in self.joint.groups}
+        return [i for i, name in enumerate(self.joint.names) if others[i] or name in within]
 
     @property
     def mixed(self) -> list[tuple[list[int], MixtureCopula]]:

@@ -128,13 +128,8 @@ def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[Po
         return ()
     from bayesterra.study.previous import taken  # brings ArviZ along, which most studies need not wait for
 
-    other = (
-        {"Ks"}
-        if any(name in entries for name in parameters.MODULI)
-        else set(parameters.MODULI)
-        if "Ks" in entries
-        else set()
-    )
+    moduli = any(name in entries for name in parameters.MODULI)
+    other = {"Ks"} if moduli else set(parameters.MODULI) if "Ks" in entries else set[str]()
     other |= {parameters.OFFSET, *idle}  # a zero error is that of its own test
     names = tuple(name for name in parameters.PRIOR_PARAMETERS if name not in other)
     tied = {name for pair in stated.correlation for name in pair.split(", ")}
@@ -222,7 +217,8 @@ def with_soil_tests(
     read = {name: own for test in tests.values() for own, name in test.names.items() if name not in test.scatter}
     for name, own in read.items():
         if name not in soil.entries:
-            raise StudyError(f"[priors] needs '{name}', e.g. {_toml_key(name)} = {EXAMPLES[own]}")
+            key = f'"{name}"' if "." in name else name
+            raise StudyError(f"[priors] needs '{name}', e.g. {key} = {EXAMPLES[own]}")
         if own == "K":
             check_above(f"[priors] '{name}'", soil.entries[name])
     goals = {entry.to for entry in soil.entries.values() if isinstance(entry, Tie)}
@@ -239,10 +235,6 @@ def with_soil_tests(
     if wheels and exponents[0] != "n0":
         raise StudyError("[priors] 'reference_sinkage' with wheels needs 'tie = { n = \"n0\" }' in [soil_tests]")
     return replace(soil, entries={**soil.entries, **scatter}, reference=stated.reference, exponent=exponents[0])
-
-
-def _toml_key(name: str) -> str:
-    return f'"{name}"' if "." in name else name
 
 
 def full_prior(
@@ -332,9 +324,8 @@ def _with_condition(observations: Observations, drive: Drive) -> Observations:
     ((channel, values),) = drive.conditioned(observations).items()
     if np.isnan(values).all():
         raise StudyError(f"the drive '{drive}' needs a column {drive.needed} with values")
-    return sifted(
-        observations, [_condition_problem(channel, v, row) for v, row in zip(values, observations.rows, strict=True)]
-    )
+    problems = [_condition_problem(channel, v, row) for v, row in zip(values, observations.rows, strict=True)]
+    return sifted(observations, problems)
 
 
 def _with_readings(observations: Observations, drive: Drive) -> Observations:
@@ -355,8 +346,7 @@ def load_range(
     StudyError where no range is given and no normal force measured.
     """
     if not drive.latent_load:
-        idle = [] if stated is None else [f"load_range is not used with the drive '{drive}'"]
-        return None, idle
+        return None, [] if stated is None else [f"load_range is not used with the drive '{drive}'"]
     if stated is not None:
         return stated, []
     used = observations.used()
@@ -407,8 +397,7 @@ def outcome_noise(
         _check_negative_sinkage(used, noise["sinkage"])
     reason = {True: f"the drive '{drive}' conditions on it", False: "it is not measured"}
     idle = ("slip", *drive.idle)
-    notes = [f"noise of {n} is not used, as {reason[n in idle]}" for n in stated if n not in noise]
-    return noise, notes
+    return noise, [f"noise of {n} is not used, as {reason[n in idle]}" for n in stated if n not in noise]
 
 
 def errors_of_outcomes(

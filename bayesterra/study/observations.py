@@ -32,7 +32,6 @@ MASSES = ("kg",)
 WEIGHT = f"kg: the weight of that mass under standard gravity, {STANDARD_GRAVITY} m/s²"
 LABELS = ("site", "run")
 """Columns, beside the wheel, that may say which group a row belongs to."""
-_PLAIN = ("slip", "wheel", "use")
 
 
 @dataclass(frozen=True)
@@ -120,8 +119,7 @@ class Observations:
 
     def numbers(self) -> Observations:
         """The same without the readings that are known by a limit only."""
-        values = {n: np.where(self.limited(n), np.nan, v) if n in self.limits else v
-                  for n, v in self.values.items()}  # fmt: skip
+        values = {name: np.where(self.limited(name), np.nan, column) for name, column in self.values.items()}
         return replace(self, values=values, limits={})
 
     def label(self, by: str) -> tuple[str, ...]:
@@ -158,16 +156,14 @@ class Observations:
 
     def take(self, keep: BoolArray) -> Observations:
         """Only the rows where ``keep`` (m,) holds."""
-        return Observations(
-            wheel=tuple(np.array(self.wheel, dtype=object)[keep]), slip=frozen(self.slip[keep]),
+        return replace(
+            self, wheel=tuple(np.array(self.wheel, dtype=object)[keep]), slip=frozen(self.slip[keep]),
             load=frozen(self.load[keep]),
             values={name: frozen(column[keep]) for name, column in self.values.items()},
             given_sd={name: frozen(column[keep]) for name, column in self.given_sd.items()},
             use=frozen(self.use[keep], np.bool_), rows=tuple(int(row) for row in np.array(self.rows)[keep]),
-            notes=self.notes,
             labels={n: tuple(np.array(c, dtype=object)[keep]) for n, c in self.labels.items()},
             limits={name: frozen(ends[keep]) for name, ends in self.limits.items()},
-            headings=self.headings, form=self.form,
         )  # fmt: skip
 
 
@@ -187,16 +183,14 @@ def observations(
 ) -> Observations:
     """Check a table and convert it, once, to SI, to slip on the shearing radius and to sinkage of the rim.
 
+    StudyError names column, row, what must hold and the value got.
+
     Parameters
     ----------
     table : columns as in the measurement files, units in the headers, e.g. ``sinkage [mm]``.
     wheels : by name, with their shearing-radius coefficients known.
     slip_reference : the radius behind the slip column: ``rim`` r, ``tip`` r + h, ``shearing`` r_s.
     sinkage_reference : the zero of the sinkage column: ``rim``, or ``tip`` of the lugs (h is subtracted).
-
-    Raises
-    ------
-    StudyError : naming column, row, what must hold and the value got.
     """
     if len(table) == 0:
         raise StudyError("must hold at least one row of measurements (the table is empty)")
@@ -242,9 +236,8 @@ class Column:
         values = self.readings() / self.scale
         there = values[~np.isnan(values)]
         ends = f", {there.min():g} to {there.max():g}" if there.size else ""
-        return Heading(
-            self.header, self.name, WEIGHT if self.unit in MASSES else self.unit or "no unit", f"{there.size}{ends}"
-        )
+        unit = WEIGHT if self.unit in MASSES else self.unit or "no unit"
+        return Heading(self.header, self.name, unit, f"{there.size}{ends}")
 
     def _numbers(self, cells: Sequence[Any]) -> FloatArray:
         values = [self._number(cell, row) for row, cell in enumerate(cells, start=1)]
@@ -258,8 +251,7 @@ class Column:
 
     def readings(self) -> FloatArray:
         """The cells as SI numbers, limits where they begin with ``<`` or ``>``; NaN where empty."""
-        bare = [cell.strip()[1:].strip() or cell if i in self.marks else cell
-                for i, cell in enumerate(self.cells)]  # fmt: skip
+        bare = [cell.strip()[1:].strip() or cell if i in self.marks else cell for i, cell in enumerate(self.cells)]
         return self._numbers(bare)
 
     def limits(self) -> FloatArray:
@@ -272,9 +264,8 @@ class Column:
     def _number(self, cell: Any, row: int) -> float:
         if cell is None or cell is pd.NA or (isinstance(cell, str) and not cell.strip()):
             return float("nan")
-        truth = isinstance(cell, bool | np.bool_) and self.name != "use"  # which is what truth values are for
         try:
-            if truth:
+            if isinstance(cell, bool | np.bool_) and self.name != "use":  # which is what truth values are for
                 raise TypeError
             value = float(cell.replace("_", "?").replace("−", "-")) if isinstance(cell, str) else float(cell)
         except (TypeError, ValueError):
@@ -295,20 +286,12 @@ _MENDS = (
 
 @dataclass(frozen=True)
 class Heading:
-    """How a column was understood.
+    """How a column was understood."""
 
-    Attributes
-    ----------
-    header : as it stands in the table.
-    name : of what it holds; empty where it is left alone.
-    remark : unit and conversion, or why it is left alone.
-    readings : how many there are, and between what.
-    """
-
-    header: str
-    name: str
-    remark: str
-    readings: str = ""
+    header: str  # as it stands in the table
+    name: str  # of what it holds; empty where it is left alone
+    remark: str  # unit and conversion, or why it is left alone
+    readings: str = ""  # how many there are, and between what
 
 
 def named_columns(
@@ -386,7 +369,7 @@ def unit_scale(header: str, name: str, unit: str | None, channel: Channel) -> fl
 
 def _known_columns() -> list[str]:
     measured = [name for name in CHANNELS if name != "slip"]
-    return [*_PLAIN, *measured, *(name + SD_SUFFIX for name in measured), *LABELS]
+    return ["slip", "wheel", "use", *measured, *(name + SD_SUFFIX for name in measured), *LABELS]
 
 
 def required(columns: Mapping[str, Column], name: str) -> FloatArray:
@@ -434,8 +417,7 @@ def used_rows(columns: Mapping[str, Column], length: int) -> BoolArray:
     if wrong.any():
         row = _first(wrong)
         raise StudyError(f"'use' must be 0 or 1 (got {columns['use'].cells[row - 1]!r}, row {row})")
-    use: BoolArray = values == 1.0
-    return use
+    return np.asarray(values == 1.0)
 
 
 def _given_sd(columns: Mapping[str, Column], length: int) -> dict[str, FloatArray]:

@@ -42,27 +42,17 @@ R = TypeVar("R")
 class AnalysisResult(ABC):
     """Outcome of a command, which shows itself and can be saved as a folder with its page.
 
-    Attributes
-    ----------
-    MARK : file by which folders of this kind are known.
-    RECORD : model of the JSON file of that name; None where the mark is a table.
-    PAGE : name of the page; empty where there is none.
-    FIGURES : functions beside ``VIEW`` that draw a result, by the names of the figures' files; the main one first.
-    CALLED : what the terminal calls the place where it was saved.
-    DIGITS : format of the numbers in tables; None for all digits.
-    WITH_STUDY : whether the folder holds the study.
-    VIEW : module and first word of the functions ``…_page`` and ``…_overview`` that show a result of this
-        kind; the module is loaded when one of them is called.
+    Functions ``…_page`` and ``…_overview`` show a result; their module is loaded when one of them is called.
     """
 
-    MARK: ClassVar[str] = "run.json"
-    RECORD: ClassVar[type[Record] | None] = Record
-    PAGE: ClassVar[str] = "report.html"
-    FIGURES: ClassVar[Mapping[str, str]] = {}
-    CALLED: ClassVar[str] = "Report"
-    DIGITS: ClassVar[str | None] = "%.6g"
-    WITH_STUDY: ClassVar[bool] = False
-    VIEW: ClassVar[str] = ""
+    MARK: ClassVar[str] = "run.json"  # file by which folders of this kind are known
+    RECORD: ClassVar[type[Record] | None] = Record  # model of the JSON file of that name; None: the mark is a table
+    PAGE: ClassVar[str] = "report.html"  # name of the page; empty where there is none
+    FIGURES: ClassVar[Mapping[str, str]] = {}  # functions beside ``VIEW`` that draw it, by file; the main one first
+    CALLED: ClassVar[str] = "Report"  # what the terminal calls the place where it was saved
+    DIGITS: ClassVar[str | None] = "%.6g"  # format of the numbers in tables; None for all digits
+    WITH_STUDY: ClassVar[bool] = False  # whether the folder holds the study
+    VIEW: ClassVar[str] = ""  # module and first word of the functions that show a result of this kind
     study: Study
 
     @abstractmethod
@@ -139,24 +129,15 @@ class AnalysisResult(ABC):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class DrawnResult(AnalysisResult):
-    """Outcome of a run: labelled draws, tables and a record; see what derives from it.
+    """Outcome of a run: labelled draws, tables and a record; see what derives from it."""
 
-    Attributes
-    ----------
-    TABLES : fields that are its tables.
-    GROUP : of the draws that it is about.
-    draws : xarray DataTree with ArviZ groups; SI, radians.
-    summary : one row per parameter and derived quantity, in field units.
-    record : versions, seed, settings, fingerprints, times and the verdict with every threshold.
-    """
-
-    TABLES: ClassVar[tuple[str, ...]] = ("summary",)
-    GROUP: ClassVar[str] = "posterior"
+    TABLES: ClassVar[tuple[str, ...]] = ("summary",)  # fields that are its tables
+    GROUP: ClassVar[str] = "posterior"  # of the draws that it is about
     DIGITS: ClassVar[str | None] = None
 
-    draws: xr.DataTree
-    summary: pd.DataFrame
-    record: dict[str, Any]
+    draws: xr.DataTree  # with ArviZ groups; SI, radians
+    summary: pd.DataFrame  # one row per parameter and derived quantity, in field units
+    record: dict[str, Any]  # versions, seed, settings, fingerprints, times and the verdict with every threshold
 
     def __repr__(self) -> str:
         """What it is about, what may be said of it, and where to go on; ten lines at most."""
