@@ -290,7 +290,7 @@ class LatentLoad(Likelihood):
 
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""
-        if not self.forward.model.compiled:
+        if not self.forward.model.compiled or np.isnan([noise.tails.code for noise in self.noise]).any():
             return log_rows(self.forward, soil, self.load_range, partial(self._levels, soil, noise_values), rng)
         shape = (len(soil), len(self.observations))
         out = np.empty((*shape, 2))

@@ -406,6 +406,11 @@ def errors_of_outcomes(
     """Discrepancy, ripple and slip errors of the measured outcomes, and notes on what to keep in mind."""
     if not errors:
         return errors, []
+    for channel, entry in noise.items():
+        try:
+            _ = entry.tails.parts
+        except ValueError as error:
+            raise StudyError(f"beside errors that tie rows, residuals of '{channel}' {error}") from error
     tables = {"discrepancy": errors.discrepancy, "ripple": errors.ripple}
     notes = [
         f"{name} of {channel} is not used, as it is not a measured outcome of the drive '{drive}'"

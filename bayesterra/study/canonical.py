@@ -270,7 +270,12 @@ def identity(study: Study, seed: int) -> dict[str, Any]:
         **{f"readings of soil test {name}": _digest(vars(test.readings)) for name, test in study.soil_tests.items()},
         "bayesterra": version("bayesterra"),
         "build of bayesterra": source_digest(),
-        **({"code of the model": code_digest(study.model)} if isinstance(study.model, OwnModel) else {}),
+        **({"code of the model": code_digest(study.model.law)} if isinstance(study.model, OwnModel) else {}),
+        **{
+            f"code of the noise of {each.channel}": code_digest(each.residuals.law)
+            for each in study.noise.values()
+            if each.residuals is not None
+        },
         "Python": platform.python_version(),
         **{name: version(name) for name in LIBRARIES},
     }
@@ -288,9 +293,9 @@ def source_digest() -> str:
     return digest.hexdigest()
 
 
-def code_digest(model: OwnModel) -> str:
-    """SHA-256 of the file that a model of one's own is from; empty where it is from none."""
-    module = sys.modules.get(type(model.law).__module__)
+def code_digest(law: object) -> str:
+    """SHA-256 of the file that a law of one's own is from; empty where it is from none."""
+    module = sys.modules.get(type(law).__module__)
     file = getattr(module, "__file__", None)
     return sha256(Path(file).read_bytes()).hexdigest() if file else ""
 

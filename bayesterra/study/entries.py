@@ -22,7 +22,9 @@ from bayesterra.runtime.reading import MEGABYTE, read_text
 from bayesterra.stats.dependence import MixtureCopula
 from bayesterra.stats.laws import RANGED, Law
 from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
+from bayesterra.stats.tails import OwnTails
 from bayesterra.study.noise import Noise
+from bayesterra.study.own import loaded, stating
 from bayesterra.study.priors import Entry, Source, Tie
 from bayesterra.study.units import quantity, text
 
@@ -105,13 +107,18 @@ def law(name: str, entry: dict[str, Any], dimension: str, *, bare: bool) -> Law:
 def frozen_law(name: str, value: Any) -> Law:
     """A frozen law of ``scipy.stats``, SI, as a law by its name and arguments."""
     family = value.dist
-    order = [*(part.strip() for part in (family.shapes or "").split(",") if part), *_SHIFTS]
-    stated = {**dict(zip(order, value.args, strict=False)), **value.kwds}
     with errors_after(f"'{name}': "):
         if family.name in RANGED:
             low, high = map(float, value.support())
             return Law(family.name, lower=low, upper=high)
-        return Law(family.name, {key: float(number) for key, number in stated.items()})
+        return Law(family.name, _arguments(value))
+
+
+def _arguments(value: Any) -> dict[str, float]:
+    """Arguments of a frozen law of ``scipy.stats`` by name."""
+    order = [*(part.strip() for part in (value.dist.shapes or "").split(",") if part), *_SHIFTS]
+    stated = {**dict(zip(order, value.args, strict=False)), **value.kwds}
+    return {key: float(number) for key, number in stated.items()}
 
 
 def law_entry(law: Law, dimension: str) -> dict[str, object]:
@@ -272,8 +279,8 @@ def _check_arguments(name: str, dist: str, entry: Mapping[str, Any], arguments: 
 def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
     """The noise of one channel: a value, a fraction with a floor, an estimate, or a :class:`Noise`.
 
-    A table may add ``dof``, the degrees of freedom of a Student-t law, and ``resolution``, the step to which
-    readings are rounded; a value is then written ``sd``.
+    A table may add ``dof``, the degrees of freedom of a Student-t law, or ``residuals``, another law of them, and
+    ``resolution``, the step to which readings are rounded; a value is then written ``sd``.
     """
     known("channel", channel, parameters.CHANNELS)
     if isinstance(value, Noise):
@@ -282,11 +289,48 @@ def noise_entry(channel: str, value: object, *, bare: bool) -> Noise:
         return Noise(channel, law=value)
     entry = table(value, channel) if isinstance(value, Mapping) else {"sd": value}
     dof = quantity(entry.pop("dof"), "", f"{channel}.dof") if "dof" in entry else np.inf
+    own = residual_law(f"{channel}.residuals", entry.pop("residuals"), bare=bare) if "residuals" in entry else None
     resolution, dimension = 0.0, parameters.CHANNELS[channel].dimension
     if "resolution" in entry:
         resolution = quantity(entry.pop("resolution"), dimension, f"{channel}.resolution", bare=bare)
     size = _noise_size(channel, entry, bare=bare)
-    return Noise(channel, dof=dof, resolution=resolution, **size)
+    return Noise(channel, dof=dof, resolution=resolution, residuals=own, **size)
+
+
+def residual_law(name: str, value: object, *, bare: bool) -> OwnTails:
+    """A law of standardised residuals.
+
+    Parameters
+    ----------
+    value : name of a law of ``scipy.stats``; a table with ``dist`` and the law's own arguments, or with ``use``, a
+        class of one's own; from Python also a frozen law, or an object with ``logpdf``, ``logcdf`` and ``ppf``.
+    """
+    stated: dict[str, object]
+    made: Any = value
+    if isinstance(value, str | Mapping):
+        stated = table({"dist": value} if isinstance(value, str) else value, name)
+        if "use" in stated:
+            made = loaded(stated, f"'{name}'", bare=bare)
+        else:
+            dist = stated.get("dist")
+            shapes = _shape_arguments(name, dist)
+            _check_arguments(name, str(dist), stated, ("dist", *shapes))
+            numbers = {key: quantity(item, "", f"{name}.{key}") for key, item in stated.items() if key != "dist"}
+            if missing := [key for key in shapes if key not in numbers]:
+                raise StudyError(f"'{name}': {dist} needs its argument '{missing[0]}'")
+            made, stated = getattr(stats, str(dist))(**numbers), {"dist": dist, **numbers}
+    elif isinstance(getattr(value, "dist", None), stats.rv_continuous):
+        stated = {"dist": made.dist.name, **_arguments(made)}
+    else:
+        stated = stating(value)
+    if not all(callable(getattr(made, function, None)) for function in ("logpdf", "logcdf", "ppf")):
+        raise StudyError(
+            f"'{name}' needs 'logpdf', 'logcdf' and 'ppf', as laws of scipy.stats have them (got {made!r})"
+        )
+    try:
+        return OwnTails(made, tuple((key, tuple(v) if isinstance(v, list) else v) for key, v in stated.items()))
+    except Exception as error:  # whatever the code of others raises
+        raise StudyError(f"'{name}': the law {error}") from error
 
 
 def _noise_size(channel: str, entry: Mapping[str, Any], *, bare: bool) -> dict[str, Any]:

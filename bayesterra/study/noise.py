@@ -1,6 +1,6 @@
 """Measurement noise of a channel: given (absolute, relative with a floor, per row) or estimated.
 
-Its law is Gaussian, or Student's with given degrees of freedom, whose tails let single readings be far out.
+Its law is Gaussian, Student's with given degrees of freedom, whose tails let single readings be far out, or one's own.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, check_number
 from bayesterra.parameters import NOISE_PREFIX
 from bayesterra.stats.laws import Law
-from bayesterra.stats.tails import GAUSSIAN, StudentT, Tails
+from bayesterra.stats.tails import GAUSSIAN, OwnTails, StudentT, Tails
 
 LEAST = 1e-15
 """SI, at least, of a given standard deviation."""
@@ -33,6 +33,7 @@ class Noise:
     law : prior law of an unknown standard deviation, which is then estimated.
     dof : degrees of freedom of a Student-t law; infinite for a Gaussian one. What is called standard
         deviation here is then the scale of the law, which is less: σ √(dof / (dof − 2)) is the deviation.
+    residuals : another law of residuals in units of what is called standard deviation.
     resolution : step to which readings are rounded, SI; 0 for readings of which every digit counts. The noise
         is what is there before rounding.
     """
@@ -44,6 +45,7 @@ class Noise:
     law: Law | None = None
     dof: float = np.inf
     resolution: float = 0.0
+    residuals: OwnTails | None = None
 
     def __post_init__(self) -> None:
         if sum(size is not None for size in (self.sd, self.fraction, self.law)) != 1:
@@ -64,6 +66,8 @@ class Noise:
             raise StudyError(f"estimated noise of '{self.channel}' needs a 'lower' above 0")
         if not self.dof >= 1:
             raise StudyError(f"'dof' of the noise of '{self.channel}' must be at least 1 (got {self.dof:g})")
+        if self.residuals is not None and np.isfinite(self.dof):
+            raise StudyError(f"noise of '{self.channel}' has 'dof' and 'residuals': state one of them")
         if not (0 <= self.resolution < np.inf) or 0 < self.resolution < LEAST:
             raise StudyError(
                 f"'resolution' of '{self.channel}' must be at least {LEAST:g} in SI units, or 0 for none"
@@ -117,4 +121,6 @@ class Noise:
     @cached_property
     def tails(self) -> Tails:
         """Law of the residuals in units of their standard deviation."""
+        if self.residuals is not None:
+            return self.residuals
         return GAUSSIAN if np.isinf(self.dof) else StudentT(self.dof)

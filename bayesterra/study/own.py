@@ -75,11 +75,8 @@ def own_model(law: Any, stated: Mapping[str, object] | None = None) -> StudyMode
         elif each not in PARAMETERS:
             hint = did_you_mean(str(each), PARAMETERS)
             raise StudyError(f"the model {name} has an unknown parameter {each!r}{hint}: describe it by ModelParameter")
-    if stated is None:
-        fields = asdict(law) if is_dataclass(law) and not isinstance(law, type) else {}
-        stated = {"use": f"{type(law).__module__}:{type(law).__qualname__}", **fields}
     try:
-        model = StudyModel(law, dict(stated), scales)
+        model = StudyModel(law, stating(law) if stated is None else dict(stated), scales)
     except ValueError as error:
         raise StudyError(f"the model {name}: {error}") from error
     _try(model)
@@ -116,6 +113,16 @@ def loaded_model(stated: Mapping[str, object], *, bare: bool = False) -> StudyMo
 
     StudyError where code is not allowed, cannot be loaded, or makes no model.
     """
+    return own_model(loaded(stated, "[model]", bare=bare), stated)
+
+
+def loaded(stated: Mapping[str, object], where: str, *, bare: bool) -> Any:
+    """What the class that a table names by ``use`` makes of its other keys.
+
+    Raises
+    ------
+    StudyError : code is not allowed, or cannot be loaded.
+    """
     keywords = {str(key): value for key, value in stated.items()}
     use = keywords.pop("use", None)
     if not isinstance(use, str) or not use.strip():
@@ -136,11 +143,16 @@ def loaded_model(stated: Mapping[str, object], *, bare: bool = False) -> StudyMo
         made: Any = _imported(module)
         for part in path.split("."):
             made = getattr(made, part)
-        law = made(**keywords)
+        return made(**keywords)
     except Exception as error:  # whatever the code of others raises
         said = f"{type(error).__name__}: {error}"
-        raise StudyError(f'[model] use = "{use}" cannot be loaded ({said:.300})') from error
-    return own_model(law, stated)
+        raise StudyError(f'{where} use = "{use}" cannot be loaded ({said:.300})') from error
+
+
+def stating(made: Any) -> dict[str, object]:
+    """How a study file states an object of one's own: by its class, and by its fields where it is a dataclass."""
+    fields = asdict(made) if is_dataclass(made) and not isinstance(made, type) else {}
+    return {"use": f"{type(made).__module__}:{type(made).__qualname__}", **fields}
 
 
 def _imported(module: str) -> Any:

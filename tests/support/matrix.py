@@ -35,7 +35,7 @@ from bayesterra.study.study import Study
 FACTORS: Mapping[str, Sequence[str]] = {
     "model": ("M2", "M1", "M3", "M2L", "own"),
     "drive": ("load", "sinkage", "both"),
-    "noise": ("given", "estimated", "fraction", "student"),
+    "noise": ("given", "estimated", "fraction", "student", "own"),
     "errors": ("none", "discrepancy", "ripple", "slip"),
     "prior": ("independent", "correlated"),
     "groups": ("none", "population", "separate"),
@@ -142,6 +142,7 @@ def _noise(kind: Kind) -> str:
         "estimated": 'estimate = { dist = "halfnorm", scale = "1 N", lower = "0.3 N" }',
         "fraction": 'fraction = 0.05, floor = "0.5 N"',
         "student": 'sd = "1 N", dof = 4',
+        "own": 'sd = "1 N", residuals = "laplace"',
     }[kind["noise"]]
     if kind["readings"] == "resolution":
         lines["resistance_moment"] += ', resolution = "0.5 N m"'

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import stats
 
 from bayesterra.arrays import FloatArray
 from bayesterra.models import MODELS, SOIL_FIELDS, Conditions, ModelParameter, batch
@@ -60,3 +61,22 @@ class Pressing(Plate):
     """A law with a name that the package has for something else."""
 
     parameters = (*Plate.parameters[:3], ModelParameter("sinkage", "mm"))
+
+
+@dataclass(frozen=True)
+class Clipped:
+    """Residuals with the law of a logistic one, whose density a negative ``reach`` spoils."""
+
+    reach: float
+
+    def logpdf(self, z: Any) -> Any:
+        """Log density."""
+        return stats.logistic.logpdf(z) + (0.3 * np.abs(z) if self.reach < 0 else 0.0)
+
+    def logcdf(self, z: Any) -> Any:
+        """Log of the probability below."""
+        return stats.logistic.logcdf(z)
+
+    def ppf(self, q: Any) -> Any:
+        """Quantiles."""
+        return stats.logistic.ppf(q)
