@@ -22,6 +22,7 @@ from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import normalised, systematic
 from bayesterra.study.noise import Noise
 from bayesterra.study.study import Study
+from tests.support.choice import some
 from tests.support.two_wheels import FREE, made
 
 MakeStudy = Callable[..., Study]
@@ -109,7 +110,7 @@ def test_data_of_the_model_raise_no_alarm(make_study: MakeStudy, campaign: Calla
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("misfit", ["constant exponent", "pull offset", "sinkage offset", "lugs ignored"])
+@pytest.mark.parametrize("misfit", some(["constant exponent", "pull offset", "sinkage offset", "lugs ignored"], 2))
 def test_planted_misfits_are_found(misfit: str, make_study: MakeStudy, campaign: Callable[[int], pd.DataFrame]) -> None:
     """The quick version of studies/misfit/planted: all raise the alarm, offsets in their own channel."""
     table = campaign(3)

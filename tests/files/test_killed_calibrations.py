@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.runtime.checkpoints import finished_tasks
+from tests.support.choice import some
 
 CODE = """
 import signal, sys, time
@@ -47,7 +48,7 @@ def wait_for(process: "subprocess.Popen[bytes]", store: Path, tasks: int) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.parametrize("sign", some([signal.SIGKILL, signal.SIGINT], 1))
 def test_a_killed_calibration_loses_nothing_that_was_saved(sign: signal.Signals, tmp_path: Path) -> None:
     """Stopped twice on its way, it ends with the ranks of an undisturbed run."""
     out, store = tmp_path / "out", tmp_path / "out.part" / "checkpoint"

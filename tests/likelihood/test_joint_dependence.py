@@ -23,6 +23,7 @@ from bayesterra.sampling.moves import Walkers
 from bayesterra.stats.laws import log_population, population_score, population_value
 from bayesterra.study.priors import Prior
 from bayesterra.study.study import Study
+from tests.support.choice import some
 from tests.support.two_wheels import COHESION, FREE, FRICTION, SHEAR
 
 MakeStudy = Callable[..., Study]
@@ -245,13 +246,16 @@ CASES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("case", "how"),
-    [
-        ("three parameters", "by hand"),
-        ("three parameters", "from a result"),
-        ("two parameters", "by hand"),
-        ("two parameters", "from a result"),
-        ("a population", "by hand"),
-    ],
+    some(
+        [
+            ("two parameters", "by hand"),
+            ("three parameters", "from a result"),
+            ("three parameters", "by hand"),
+            ("a population", "by hand"),
+            ("two parameters", "from a result"),
+        ],
+        3,
+    ),
 )
 def test_draws_and_evidence_are_those_of_a_grid(
     make: MakeStudy, small: PoolingOptions, grid: Grid, case: str, how: str

@@ -23,6 +23,7 @@ from scripts import loaded
 
 import bayesterra as bt
 from bayesterra.study import entries, groups, schema
+from tests.support.choice import ALL
 from tests.support.shared import Shared
 
 ROOT = Path(__file__).parents[2]
@@ -129,7 +130,7 @@ def wh32(shared: Shared, tmp_path: Path) -> Path:
     return shared.folder_of("documentation", fill, tmp_path / "work")
 
 
-WHOLE = [page for page in SLOW if page.stem == "first-study" or "BAYESTERRA_ALL" in os.environ]
+WHOLE = [page for page in SLOW if page.stem == "first-study" or ALL]
 """Slow pages that are run: the first of them always, all others, a quarter of an hour, where the variable is set."""
 
 

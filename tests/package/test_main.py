@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from bayesterra import __main__ as command_line
+from tests.support.choice import some
 
 STUDY = Path(__file__).parents[2] / "studies" / "hit-wh32" / "study.toml"
 
@@ -141,7 +142,7 @@ def test_a_termination_at_any_moment_of_the_start_ends_the_process(tmp_path: Pat
     started = time.monotonic()
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     span = time.monotonic() - started
-    for moment in range(12):
+    for moment in some(range(12), 6):
         with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
             time.sleep(span * moment / 12)
             process.terminate()

@@ -1,19 +1,18 @@
 """Every command on every kind of study: it works, or it says why it cannot, in one of a few ways."""
 
-import os
 import re
 from pathlib import Path
 
 import pytest
 
+from tests.support.choice import ALL, some
 from tests.support.matrix import COMMANDS, FACTORS, Cell, Kind, cells, kinds, quick, title
 from tests.support.vocabulary import says_one_thing
 
 PERMITTED = {"follow": ("knows no sweeps, along which",)}
 """What a command may be refused with."""
-ALL = "BAYESTERRA_ALL" in os.environ
-CHOSEN = kinds() if ALL else kinds()[::3]
-"""Kinds on which every command is run: all of them, before a release, take ten minutes of two processors more."""
+CHOSEN = some(kinds(), 7)
+"""Kinds on which every command is run."""
 DEAR = ("calibrate", "holdout")
 """Commands that sample again and again: of groups, which takes minutes, where BAYESTERRA_ALL is set."""
 
