@@ -33,6 +33,8 @@ from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
 ROUND_STEPS = 200
+DENSE_ROUNDS = 20
+"""Of twice as many rounds each is diagnosed, later a round in every twentieth of their number: it is dear by then."""
 
 
 @dataclass(frozen=True)
@@ -268,6 +270,8 @@ class _Task:
             steps += length
             if self.checkpoint_store.holds(f"round-{number + 1:04d}"):
                 continue  # an earlier process went on from here
+            if steps < most and number % max(1, number // DENSE_ROUNDS):
+                continue
             chains = np.array([walk.chain for walk in walks])
             acceptance = np.array([walk.ensemble.acceptance for walk in walks])
             diagnosis = diagnose(names, chains, acceptance, target_ess, going_on=steps < most)

@@ -209,16 +209,17 @@ def diagnose(
     accepted : share of kept steps that each walker accepted (ensembles, walkers).
     target_ess : effective draws asked for.
     going_on : the ensembles go on where they have not converged. R-hat, which is dear, is then NaN as long as
-        effective draws or steps are too few.
+        effective draws or steps are too few, or means and tails apart.
     """
     columns = np.ascontiguousarray(np.moveaxis(chains, -1, 0))
     sizes, differing = np.array([_sizes(column) for column in columns]).transpose(1, 0, 2)
     with np.errstate(divide="ignore"):
         tau = columns[0].size / np.array([effective_size(column) for column in columns])
     bulk, tail, steps = sizes[:, 0], sizes[:, 1:].min(axis=1), int(chains.shape[1])
-    early = sizes.min() < target_ess or not steps >= STEPS_PER_TAU * tau.max()
-    hats = np.full(len(columns), np.nan) if going_on and early else np.array([r_hat(x) for x in columns])
+    early = bool(sizes.min() < target_ess) or not steps >= STEPS_PER_TAU * tau.max()
     differing = differing.min(axis=1) * differing.size  # p values, times their number
+    early |= differing.min() < DISAGREEMENT
+    hats = np.full(len(columns), np.nan) if going_on and early else np.array([r_hat(x) for x in columns])
     on_draws = _on_draws(names, np.minimum(bulk, tail), hats, tau, differing, steps, target_ess)
     checks = (*on_draws, *_on_walkers(accepted))
     return Diagnosis(tuple(names), bulk, tail, hats, tau, float(accepted.mean()), steps, checks)

@@ -12,6 +12,7 @@ from numpy.random import SeedSequence
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import StudyError, SupportError
 from bayesterra.likelihood.posterior import Posterior, posterior
+from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.ensemble import Ensemble, Segment
 from bayesterra.sampling.sampler import ROUND_STEPS, Progress, Samples, sample
@@ -139,6 +140,21 @@ def test_sampling_stops_when_the_draws_are_there(density: Posterior) -> None:
     longer = sampled(density, 1, SamplingOptions(target_ess=15_000, walkers=32, max_steps=5000))
     assert longer.diagnosis.steps > samples.diagnosis.steps
     np.testing.assert_array_equal(longer.chains[:, : samples.diagnosis.steps], samples.chains)
+
+
+def test_long_runs_are_diagnosed_less_often(density: Posterior, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every round at first, then every second, every third; and always the last."""
+    monkeypatch.setattr(sampler, "ROUND_STEPS", 10)
+    monkeypatch.setattr(sampler, "DENSE_ROUNDS", 4)
+    seen: list[int] = []
+
+    def watch(progress: Progress) -> None:
+        if progress.stage == "sampling" and progress.diagnosis is not None:
+            seen.append(progress.diagnosis.steps // 10)
+
+    options = SamplingOptions(target_ess=1_000_000, walkers=32, max_steps=170)
+    sample(density, options, SeedSequence(1), watch, PLAN)
+    assert seen == [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 16, 17]
 
 
 def test_progress_is_reported_stage_by_stage(density: Posterior) -> None:

@@ -169,6 +169,18 @@ def test_r_hat_waits_for_draws_and_steps_where_ensembles_go_on(correlation: floa
     assert enough.worst_r_hat == diagnose(("a",), walks(0.5)[..., None], ACCEPTED, 10_000).worst_r_hat
 
 
+def test_r_hat_waits_for_ensembles_that_are_apart() -> None:
+    """Means that differ by more than chance fail without it, too."""
+    chains = walks(0.5)[..., None]
+    chains[0] += 0.2
+    first, whole = (diagnose(("a",), chains, ACCEPTED, 1000, going_on=early) for early in (True, False))
+    assert np.isnan(first.worst_r_hat)
+    assert np.isfinite(whole.worst_r_hat)
+    assert not check(whole, "agreement of ensembles")
+    assert not first.converged
+    assert not whole.converged
+
+
 def test_a_frozen_walker_is_seen() -> None:
     """A walker that accepted nothing, and one that nearly so, end the claim of convergence."""
     chains = walks(0.5)
