@@ -209,7 +209,7 @@ def diagnose(
     accepted : share of kept steps that each walker accepted (ensembles, walkers).
     target_ess : effective draws asked for.
     going_on : the ensembles go on where they have not converged. R-hat, which is dear, is then NaN as long as
-        effective draws or steps are too few, or means and tails apart.
+        another check fails, and where that of a slower parameter does.
     """
     columns = np.ascontiguousarray(np.moveaxis(chains, -1, 0))
     sizes, differing = np.array([_sizes(column) for column in columns]).transpose(1, 0, 2)
@@ -218,10 +218,15 @@ def diagnose(
     bulk, tail, steps = sizes[:, 0], sizes[:, 1:].min(axis=1), int(chains.shape[1])
     early = bool(sizes.min() < target_ess) or not steps >= STEPS_PER_TAU * tau.max()
     differing = differing.min(axis=1) * differing.size  # p values, times their number
-    early |= differing.min() < DISAGREEMENT
-    hats = np.full(len(columns), np.nan) if going_on and early else np.array([r_hat(x) for x in columns])
+    walkers = _on_walkers(accepted)
+    early |= differing.min() < DISAGREEMENT or not all(check.passed for check in walkers)
+    hats = np.full(len(columns), np.nan)
+    for i in np.argsort(sizes.min(axis=1)) if not (going_on and early) else ():
+        hats[i] = r_hat(columns[i])
+        if going_on and not hats[i] < R_HAT_LIMIT:
+            break
     on_draws = _on_draws(names, np.minimum(bulk, tail), hats, tau, differing, steps, target_ess)
-    checks = (*on_draws, *_on_walkers(accepted))
+    checks = (*on_draws, *walkers)
     return Diagnosis(tuple(names), bulk, tail, hats, tau, float(accepted.mean()), steps, checks)
 
 

@@ -7,6 +7,7 @@ from scipy.stats import kstest
 
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.sampler import thin
+from bayesterra.stats import diagnostics
 from bayesterra.stats.diagnostics import (
     Diagnosis,
     array_ess,
@@ -179,6 +180,19 @@ def test_r_hat_waits_for_ensembles_that_are_apart() -> None:
     assert not check(whole, "agreement of ensembles")
     assert not first.converged
     assert not whole.converged
+
+
+def test_r_hat_stops_at_the_slowest_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where ensembles go on; the verdict is that of all."""
+    monkeypatch.setattr(diagnostics, "R_HAT_LIMIT", 1.0 + 1e-9)
+    slow, fast = walks(0.95, steps=4000), walks(0.2, steps=4000)
+    chains = np.stack([fast, slow, fast], axis=-1)
+    first, whole = (diagnose(("a", "b", "c"), chains, ACCEPTED, 100, going_on=early) for early in (True, False))
+    assert not check(whole, "R-hat")
+    assert all(each.passed for each in whole.checks if not each.name.startswith("R-hat"))
+    np.testing.assert_array_equal(np.isfinite(first.r_hat), [False, True, False])
+    assert first.r_hat[1] == whole.worst_r_hat
+    assert not first.converged
 
 
 def test_a_frozen_walker_is_seen() -> None:
