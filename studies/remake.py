@@ -41,6 +41,7 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "misfit/first-screen": SCRIPT,
     "misfit/leave-slip-out": SCRIPT,
     "misfit/model-error": SCRIPT,
+    "misfit/other-models": SCRIPT,
     "calibration": SCRIPT,
     "calibration/groups": (*SCRIPT, ("{folder}/factors.py",)),
     "faults": SCRIPT,
