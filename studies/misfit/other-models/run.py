@@ -37,6 +37,8 @@ STUDIES: dict[str, dict[str, str]] = {
     },
 }
 """Changes of the study file, by study."""
+LEFT_OUT = {("cmu-grouser", "wong-reece")}
+"""What takes an hour: 13 rows under a model that is not compiled."""
 OPTIONS = {"hit-wh32": {"[model_options]\ntransition_slips = [0.1, 0.5]\n": ""}}
 """What the models that are not the paper's leave out."""
 LEVELS = HERE.parent / "leave-slip-out" / "run.py"
@@ -61,7 +63,7 @@ def made(name: str) -> None:
     """The rows of one study in every table."""
     script = loaded(LEVELS)
     results, rows = {}, []
-    for model in MODELS:
+    for model in (one for one in MODELS if (name, one) not in LEFT_OUT):
         changes = STUDIES[name] if model in PAPER else {**STUDIES[name], **OPTIONS.get(name, {})}
         results[model], row = fitted(name, model, script.study(name, model, changes))
         rows.append(row)
