@@ -50,7 +50,9 @@ def weighted_log_mean(log_weights: FloatArray, log_values: FloatArray) -> tuple[
     ``log_weights`` (n,) sum to one as weights.
     """
     mean = float(logsumexp(log_weights + log_values))
-    excess = np.exp(log_weights) * np.expm1(log_values - mean)
+    weights = np.exp(log_weights)
+    some = weights > 0  # what has no weight may be too great for a number
+    excess = weights[some] * np.expm1(log_values[some] - mean)
     return mean, float(np.sqrt((excess**2).sum()))
 
 

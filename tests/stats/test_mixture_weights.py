@@ -55,6 +55,13 @@ def test_the_error_of_a_weighted_log_mean_is_its_spread() -> None:
     assert even[1] == pytest.approx(np.exp(values).std() / np.exp(values).mean() / np.sqrt(n))
 
 
+def test_a_value_without_weight_spoils_no_error() -> None:
+    """However great it is: a model that fits badly leaves such ones."""
+    log_weights, log_values = np.log([0.4, 0.6]), np.array([1.0, 2.0])
+    beside = weighted_log_mean(np.append(log_weights, -np.inf), np.append(log_values, 5000.0))
+    assert beside == weighted_log_mean(log_weights, log_values)
+
+
 def test_weighted_quantiles_of_equal_weights_are_those_of_the_values() -> None:
     """A value stands at the middle of its share; a weight of two is the value twice."""
     values = np.array([[3.0], [1.0], [2.0]])
