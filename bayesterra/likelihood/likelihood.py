@@ -290,7 +290,7 @@ class LatentLoad(Likelihood):
 
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""
-        if not self.forward.model.compiled or np.isnan([noise.tails.code for noise in self.noise]).any():
+        if not self._compiled:
             return log_rows(self.forward, soil, self.load_range, partial(self._levels, soil, noise_values), rng)
         shape = (len(soil), len(self.observations))
         out = np.empty((*shape, 2))
@@ -303,6 +303,11 @@ class LatentLoad(Likelihood):
             likelihoods(sets, rows_of, _chosen(data, rows), plan, part, codes)
             out[:, rows] = part
         return out
+
+    @cached_property
+    def _compiled(self) -> bool:
+        """Whether compiled code knows the model and all laws of noise."""
+        return self.forward.model.compiled and not np.isnan([noise.tails.code for noise in self.noise]).any()
 
     def _levels(self, soil: FloatArray, noise_values: FloatArray, values: FloatArray) -> FloatArray:
         """Log density (n, m) of every row's readings where the model says ``values`` (n, m, 4)."""

@@ -34,7 +34,7 @@ from bayesterra.study.schema import SamplingOptions
 WARM_UP_STEPS = 50
 ROUND_STEPS = 200
 DENSE_ROUNDS = 20
-"""Of twice as many rounds each is diagnosed, later a round in every twentieth of their number: it is dear by then."""
+"""Rounds n of which twice as many are all diagnosed, then every second up to 3n, every third up to 4n, and so on."""
 
 
 @dataclass(frozen=True)

@@ -248,7 +248,7 @@ class OwnTails(Tails):
 
     Raises
     ------
-    ValueError : it is not symmetric about 0, or its functions do not belong together.
+    ValueError : it is not symmetric about 0, ends somewhere, or its functions do not belong together.
     """
 
     law: ResidualLaw = field(compare=False)
@@ -262,6 +262,8 @@ class OwnTails(Tails):
             raise ValueError(f"'ppf' must return finite numbers, one for each probability (got {z})")
         if abs(z[0, 0]) > 1e-6 * z[0, 1]:
             raise ValueError(f"must be symmetric about 0 (its median is {z[0, 0]:.3g})")
+        if not np.isfinite(far := self.log_density(np.array(FARTHEST))):
+            raise ValueError(f"must have a density above 0 everywhere (its logpdf({FARTHEST:g}) is {far:g})")
         density, apart = np.exp(self.log_density(z)), 1e-4 * z[0, 1]
         rise = (np.exp(self.log_cdf(z + apart)) - np.exp(self.log_cdf(z - apart))) / (2 * apart)
         told = {
@@ -275,8 +277,8 @@ class OwnTails(Tails):
 
     @property
     def name(self) -> str:
-        """See :class:`Tails`."""
-        return "a law of one's own"
+        """See :class:`Tails`; by which a study states it."""
+        return self.words
 
     @property
     def keys(self) -> Mapping[str, object]:

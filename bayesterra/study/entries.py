@@ -20,7 +20,7 @@ from bayesterra import parameters
 from bayesterra.errors import StudyError, check_keys, checked_text, did_you_mean, errors_after, known, suggestion
 from bayesterra.runtime.reading import MEGABYTE, read_text
 from bayesterra.stats.dependence import MixtureCopula
-from bayesterra.stats.laws import RANGED, Law
+from bayesterra.stats.laws import RANGED, SLOW, Law
 from bayesterra.stats.quantile_law import TABULATED, QuantileLaw
 from bayesterra.stats.tails import OwnTails
 from bayesterra.study.noise import Noise
@@ -323,6 +323,8 @@ def residual_law(name: str, value: object, *, bare: bool) -> OwnTails:
         stated = {"dist": made.dist.name, **_arguments(made)}
     else:
         stated = stating(value)
+    if stated.get("dist") in SLOW:
+        raise StudyError(f"'{name}': the law {stated['dist']} is too slow: scipy needs milliseconds for every quantile")
     if not all(callable(getattr(made, function, None)) for function in ("logpdf", "logcdf", "ppf")):
         raise StudyError(
             f"'{name}' needs 'logpdf', 'logcdf' and 'ppf', as laws of scipy.stats have them (got {made!r})"

@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.special import ndtr
 
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.page import noise_text
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.stats.tails import OwnTails, StudentT
 from bayesterra.study.canonical import identity, write_study
@@ -116,7 +117,8 @@ def test_a_file_names_it(make_study: MakeStudy, tmp_path: Path) -> None:
         load_study(tmp_path / "own")
     again = load_study(tmp_path / "own", allow_code=True)
     assert again.fingerprint == study.fingerprint
-    assert again.noise["drawbar_pull"].tails.words == "tests.support.own_laws:Clipped law, reach 3.0"
+    assert noise_text(again.noise["drawbar_pull"]).endswith("1.5, tests.support.own_laws:Clipped law, reach 3.0")
+    assert again.noise["drawbar_pull"].tails.name == "tests.support.own_laws:Clipped law, reach 3.0"
     assert len(identity(again, 1)["code of the noise of drawbar_pull"]) == 64
 
 
@@ -126,6 +128,10 @@ def test_a_file_names_it(make_study: MakeStudy, tmp_path: Path) -> None:
         ("laplase", r"'dist' must be a continuous scipy.stats law, got 'laplase' \(did you mean 'laplace'\?\)"),
         ("gennorm", r"'drawbar_pull.residuals': gennorm needs its argument 'beta'"),
         ({"dist": "laplace", "b": 2}, r"unknown argument 'b' of laplace"),
+        ("semicircular", r"the law must have a density above 0 everywhere \(its logpdf\(300\) is -inf\)"),
+        ({"dist": "levy_stable", "alpha": 1.5, "beta": 0}, r"the law levy_stable is too slow: scipy needs millisec"),
+        (stats.norminvgauss(1.0, 0.0), r"the law norminvgauss is too slow"),
+        ({"dist": "gennorm", "beta": -1}, r"the law 'ppf' must return finite numbers"),
         ("expon", r"the law must be symmetric about 0 \(its median is 0.693\)"),
         (stats.norm(0.5), r"the law must be symmetric about 0 \(its median is 0.5\)"),
         (stats.skewnorm(0.0, scale=2.0).ppf, r"needs 'logpdf', 'logcdf' and 'ppf', as laws of scipy.stats have them"),
