@@ -23,7 +23,7 @@ from bayesterra.runtime.checkpoints import CheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
 from bayesterra.sampling.moves import Counts, Family, Laws, PooledEnsemble, Walkers, begun_or_saved, load_or_run_segment
-from bayesterra.sampling.sampler import Progress, Samples, Steps, sample
+from bayesterra.sampling.sampler import Progress, Samples, Steps, is_diagnosed, sample
 from bayesterra.stats.diagnostics import Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.study.schema import SamplingOptions
@@ -192,15 +192,18 @@ def _produced(
         kept.shares.append(np.array([segment.share for segment in segments]))
         if refits < REFITS:
             kept.coordinates.append([(segment.D, segment.L) for segment in segments])
-        chains = np.concatenate(kept.physical, axis=1)
         going_on = kept.steps < options.max_steps
+        refitting = refits < REFITS and kept.steps >= PATIENCE * 2**refits
+        if going_on and not refitting and not is_diagnosed(number):
+            continue
+        chains = np.concatenate(kept.physical, axis=1)
         diagnosis = diagnose(family.joint.names, chains, kept.accepted, options.target_ess, going_on=going_on)
         done = min(1.0, diagnosis.ess / options.target_ess)
         elapsed = time.perf_counter() - since
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
         if diagnosis.converged or not going_on:
             return chains, kept.accepted, diagnosis, ensembles
-        if refits < REFITS and kept.steps >= PATIENCE * 2**refits:
+        if refitting:
             report(Progress("sampling", done, diagnosis, step="fitting laws anew"))
             ensembles = list(pool.map(refitted, ensembles, *kept.found))
             kept, refits = _Kept(), refits + 1

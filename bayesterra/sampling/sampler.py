@@ -37,6 +37,11 @@ DENSE_ROUNDS = 20
 """Rounds n of which twice as many are all diagnosed, then every second up to 3n, every third up to 4n, and so on."""
 
 
+def is_diagnosed(number: int) -> bool:
+    """Whether the round of that number, from 1, is diagnosed: a diagnosis of all draws is dear by and by."""
+    return number % max(1, number // DENSE_ROUNDS) == 0
+
+
 @dataclass(frozen=True)
 class Progress:
     """State of a progress bar: the stage, and once sampling, the latest diagnosis and time left (s).
@@ -270,7 +275,7 @@ class _Task:
             steps += length
             if self.checkpoint_store.holds(f"round-{number + 1:04d}"):
                 continue  # an earlier process went on from here
-            if steps < most and number % max(1, number // DENSE_ROUNDS):
+            if steps < most and not is_diagnosed(number):
                 continue
             chains = np.array([walk.chain for walk in walks])
             acceptance = np.array([walk.ensemble.acceptance for walk in walks])
