@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.nodes import Nodes
 from bayesterra.models import Conditions, ForwardModel, Wheel
 from bayesterra.models.forces import NORMAL_FORCE, SINKAGE
 from bayesterra.models.traction import greatest, traction
@@ -113,6 +115,18 @@ class Forward:
         A set that fails in one row has no likelihood, so its other rows may be left without an answer too;
         with ``every_row`` each row that has an answer gets it.
         """
+        if self.nodes is None:
+            return self.exact(soil, every_row=every_row)
+        at_nodes, told = self.at_nodes(self.nodes, soil)
+        values = self.nodes.at_rows(at_nodes.values)
+        outcomes = Outcomes(self.outcomes, values, np.zeros(len(soil), dtype=np.int64))
+        if not told.all():
+            rest = self.exact(soil[~told], every_row=every_row)
+            values[~told], outcomes.status[~told] = rest.values, rest.status
+        return outcomes
+
+    def exact(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
+        """The same where the model is run at every row."""
         inputs = self.given - offset_of(soil) if self.drive.by_sinkage and self.as_read else self.given
         values, status = self._answers(soil, inputs, every_row)
         if self.drive.latent_load:  # it is what the normal force reads
@@ -123,8 +137,36 @@ class Forward:
             outcomes.add("sinkage", offset_of(soil))
         return outcomes
 
+    @cached_property
+    def nodes(self) -> Nodes | None:
+        """Nodes that tell the rows; None where loads are not given, or rows are few."""
+        if self.drive.by_sinkage or self.drive.latent_load or self.given.ndim > 1:
+            return None
+        return Nodes.of(self.model, self.conditions, self.given)
+
+    def at_nodes(self, nodes: Nodes, soil: FloatArray) -> tuple[Outcomes, BoolArray]:
+        """Outcomes of the nodes for soil arrays (n, p), and for which of these (n,) they tell all rows."""
+        outcomes = replace(self, conditions=nodes.conditions, given=nodes.load, as_read=False).exact(soil)
+        told = nodes.tell(outcomes.values)
+        if self.as_read:
+            outcomes.add("sinkage", offset_of(soil))
+        return outcomes, told
+
+    @cached_property
+    def _alike(self) -> tuple[IntArray, IntArray]:
+        """The first row of every kind of conditions and load, and the place (m,) of every row among these."""
+        columns = [getattr(self.conditions, field.name) for field in fields(Conditions)]
+        known = np.column_stack([*columns, self.given])
+        _, first, place = np.unique(known, axis=0, return_index=True, return_inverse=True)
+        return first, place.ravel()
+
     def _answers(self, soil: FloatArray, inputs: FloatArray, every_row: bool) -> tuple[FloatArray, Codes]:
-        """Answers (n, m, width) for soil arrays (n, p), and their status (n, m)."""
+        """Answers (n, m, width) for soil arrays (n, p), and their status (n, m); rows alike are modelled once."""
+        if inputs is self.given and inputs.ndim == 1 and len(self._alike[0]) < len(inputs):
+            first, place = self._alike
+            few = replace(self, conditions=take(self.conditions, first), given=self.given[first])
+            values, status = few._answers(soil, few.given, every_row)
+            return values[:, place], status[:, place]
         groups = list(self.by_wheel(soil))
         if len(groups) == 1:
             return self.answers(groups[0][1], self.conditions, inputs, every_row=every_row)
@@ -190,8 +232,8 @@ class Forward:
         return replace(self, conditions=take(self.conditions, chosen), given=self.given[..., chosen])
 
 
-def take(conditions: Conditions, rows: BoolArray) -> Conditions:
-    """The rows of ``conditions`` in ``rows`` (m,)."""
+def take(conditions: Conditions, rows: BoolArray | IntArray) -> Conditions:
+    """The rows of ``conditions`` in ``rows`` (m,), a mask or places."""
     return Conditions(**{field.name: getattr(conditions, field.name)[rows] for field in fields(conditions)})
 
 

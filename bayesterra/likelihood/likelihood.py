@@ -30,6 +30,7 @@ from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.likelihood.intervals import Intervals
 from bayesterra.likelihood.load_quadrature import log_rows
+from bayesterra.likelihood.nodes import Squares
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, called, compiled, inlined
 from bayesterra.stats.tails import GAUSSIAN
@@ -81,7 +82,40 @@ class Likelihood:
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n,) of soil arrays (n, p); −inf where the model has no answer."""
-        return self.log_density(self.forward(soil), noise_values)
+        nodes, squares = self.forward.nodes, self._squares
+        if nodes is None or squares is None:
+            return self.log_density(self.forward(soil), noise_values)
+        outcomes, told = self.forward.at_nodes(nodes, soil)
+        total = self._squared(squares, outcomes, noise_values)
+        if not told.all():
+            total[~told] = self.log_density(self.forward.exact(soil[~told]), noise_values[~told])
+        return total
+
+    @cached_property
+    def _squares(self) -> tuple[Squares, ...] | None:
+        """Squared residuals of every channel; None where no nodes tell the rows, or noise is not Gaussian.
+
+        Nor where its size hangs on what is modelled, or is estimated for some rows only.
+        """
+        nodes, sums = self.forward.nodes, []
+        if nodes is None or self.intervals is not None:
+            return None
+        for noise, readings in zip(self.noise, self.measured.T, strict=True):
+            own = self._given_sd[noise.channel]
+            if noise.tails != GAUSSIAN or noise.fraction is not None or (noise.parameter and not np.isnan(own).all()):
+                return None
+            scale = np.ones(len(own)) if noise.parameter else noise.scale(readings[None], None, own)[0]
+            sums.append(Squares.of(readings, scale, nodes.spread))
+        return tuple(sums)
+
+    def _squared(self, sums: Sequence[Squares], outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
+        """Log likelihood (n,) by ``outcomes`` of the nodes."""
+        total, estimated = np.zeros(len(outcomes.values)), iter(noise_values.T)
+        for noise, squares in zip(self.noise, sums, strict=True):
+            size = noise.widened(next(estimated)) if noise.parameter else np.ones(1)
+            total += squares.count * (noise.tails.log_peak - np.log(size)) - squares.logs
+            total -= 0.5 * squares(outcomes[noise.channel]) / size**2
+        return total
 
     def log_rows(self, soil: FloatArray, noise_values: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood (n,), and log density (n, m) of every row's readings given those of all others.
