@@ -531,3 +531,20 @@ def follow(
         false_alarms=false_alarms, slip_reference=slip_reference, sinkage_reference=sinkage_reference,
     )  # fmt: skip
     show(stream, out)
+
+
+@app.command(short_help="Open a page in the browser that does the main job.")
+def ui(
+    folder: Annotated[Path, typer.Argument(metavar="[FOLDER]", help="Where studies and results are, and go.")] = Path(),
+    port: Annotated[int, typer.Option(min=0, max=65535, metavar="N", help="Port; by default a free one.")] = 0,
+    host: Annotated[str, option("ADDRESS", "Listen there, which lets other machines in.")] = "127.0.0.1",
+    no_browser: Annotated[bool, flag("--no-browser", "Only print the address.")] = False,
+) -> None:
+    """Open a page in the browser, of this machine alone: studies from tables, runs, reports, what if."""
+    try:
+        from bayesterra.ui.server import serve
+    except ImportError as error:
+        from bayesterra.errors import StudyError
+
+        raise StudyError(f"'ui' needs {error.name}: pip install 'bayesterra[ui]'") from error
+    serve(folder, port=port, host=host, browser=not no_browser)

@@ -18,7 +18,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
 from bayesterra.errors import StudyError, check_kind, check_seed, enumerated
-from bayesterra.likelihood.forward import Forward, derive_for, load_of
+from bayesterra.likelihood.forward import Forward, Outcomes, derive_for, load_of
 from bayesterra.likelihood.posterior import REASONS, posterior
 from bayesterra.models import Conditions, Wheel
 from bayesterra.models.geometry import convert_slip
@@ -370,11 +370,8 @@ def predict(
     study = result.study
     at, carried = checked_slips(slip), load_of(study, load)
     draws, index = spread(result)
-    forward = Forward(study.model, Drive.LOAD, Conditions.of(driven, at), np.full(len(at), carried))
-    soil = study.prior.soil_values(draws)
-    blocks = [forward.row(i)(soil) for i in range(len(at))]
+    forward, outcomes, reasons = answers(study, driven, at, carried, study.prior.soil_values(draws))
     rng = default_rng(seed)
-    outcomes = replace(blocks[0], values=np.concatenate([block.values for block in blocks], axis=1))
     readings = posterior(study).drive(forward, outcomes, draws, name_of(study, driven), rng).values
     efficiency = tractive_efficiency(outcomes["drawbar_pull"], outcomes["resistance_moment"], forward.conditions)
     rows = study.observations.used().slip
@@ -382,11 +379,21 @@ def predict(
         title=study.title, name=called, wheel=driven, load=carried, slip=at,
         modelled=np.concatenate([outcomes.values, efficiency[:, :, None]], axis=2),
         readings=np.concatenate([readings, np.full((*readings.shape[:2], 1), np.nan)], axis=2),
-        reasons=np.column_stack([block.status for block in blocks]), index=index,
+        reasons=reasons, index=index,
         driven=(float(rows.min()), float(rows.max())), derived=_derived(study, driven, carried, draws),
         derived_prior=_derived(study, driven, carried, result.values("prior")[:DRAWS]),
         remarks=tuple(_remarks(study, driven, carried, result.basis)), model_error=bool(study.errors.discrepancy),
     )  # fmt: skip
+
+
+def answers(
+    study: Study, driven: Wheel, slip: FloatArray, load: float, soil: FloatArray
+) -> tuple[Forward, Outcomes, IntArray]:
+    """A wheel under a load (N) at slips (k,), its outcomes for soils (n, p), and why there is none, (n, k)."""
+    forward = Forward(study.model, Drive.LOAD, Conditions.of(driven, slip), np.full(len(slip), load))
+    blocks = [forward.row(i)(soil) for i in range(len(slip))]
+    outcomes = replace(blocks[0], values=np.concatenate([block.values for block in blocks], axis=1))
+    return forward, outcomes, np.column_stack([block.status for block in blocks])
 
 
 def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:

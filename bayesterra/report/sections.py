@@ -9,7 +9,7 @@ from functools import cache
 from itertools import count
 from typing import Any, Generic, Protocol, TypeVar
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bayesterra.report.blocks import Block, Blocks, Cell, Overview, Table, Text
@@ -200,9 +200,10 @@ _BLANKS = re.compile("[ \n]+")
 
 
 @cache
-def _environment() -> Environment:
+def _environment(package: str = "bayesterra.report") -> Environment:
+    loaders = [PackageLoader(name) for name in dict.fromkeys((package, "bayesterra.report"))]
     environment = Environment(
-        loader=PackageLoader("bayesterra.report"), autoescape=True, undefined=StrictUndefined,
+        loader=ChoiceLoader(loaders), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters |= {"form": format, "symbol": symbol, "symbols": symbols, "listed": listed}
@@ -215,6 +216,6 @@ def notebook(overview: Overview) -> str:
     return render(overview, "notebook.html")
 
 
-def render(content: object, template: str = "report.html") -> str:
-    """Fill a template with a page; everything that is not marked as HTML is escaped."""
-    return _environment().get_template(template).render(page=content)
+def render(content: object, template: str = "report.html", package: str = "bayesterra.report") -> str:
+    """Fill a template, of another room where it says so, with a page; what is not marked as HTML is escaped."""
+    return _environment(package).get_template(template).render(page=content)

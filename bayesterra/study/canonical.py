@@ -250,7 +250,9 @@ def _toml(value: object) -> str:
     """TOML text of a value; its strings, numbers, booleans and lists are written as in JSON."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + " }"
-    return json.dumps(list(value) if isinstance(value, tuple) else value, ensure_ascii=False)
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value, ensure_ascii=False)
 
 
 LIBRARIES = ("numpy", "scipy", "numba", "emcee", "arviz-stats")
