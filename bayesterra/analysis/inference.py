@@ -18,6 +18,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.checking.predictive import (
     RowPredictions,
     no_rows,
+    one_in,
     predict_at_read_loads,
     predict_curves,
     predict_rows,
@@ -147,13 +148,14 @@ class Analysis:
         """
         validating, informing, loading, scaling, planning, testing = streams
         failures, draws_of = self.failures, self.kept.flat
-        rows, before = self._rows(draws_of, rng), self._rows(self.prior.x, rng, before=True)
+        prior = self.prior.x[:: one_in(len(self.study.observations), len(self.prior.x))]
+        rows, before = self._rows(self.stored.reshape(-1, draws_of.shape[1]), rng), self._rows(prior, rng, before=True)
         draws = self._draws(rows, before, rng)
         if self.study.drive.latent_load:
             before = failures.attempt(
                 "prior_predictive",
-                lambda: predict_at_read_loads(self.study, self.posterior, self.prior.x, default_rng(loading)),
-                lambda: no_rows(self.study, len(self.prior.x)),
+                lambda: predict_at_read_loads(self.study, self.posterior, prior, default_rng(loading)),
+                lambda: no_rows(self.study, len(prior)),
             )
         standings = failures.attempt(
             "standings",
@@ -198,6 +200,12 @@ class Analysis:
         judged = failures.attempt("verdicts", lambda: found.judged, lambda: found)
         return replace(judged, record=with_failures(judged.record, failures))
 
+    @property
+    def stored(self) -> FloatArray:
+        """Draws (chain, draw, d) of which predictions and likelihoods of every row are kept."""
+        chains = self.kept.chains
+        return chains[:, :: one_in(len(self.study.observations), chains.shape[0] * chains.shape[1])]
+
     def identifiability(self, rng: Generator) -> tuple[pd.DataFrame, dict[str, Any]]:
         """Verdicts on the parameters, and the record of the directions that design and data determine."""
         names, stated = self.posterior.names, self.study.prior.stated
@@ -232,7 +240,7 @@ class Analysis:
         )
 
     def _draws(self, rows: RowPredictions, before: RowPredictions, rng: Generator) -> xr.DataTree:
-        shape = (*self.kept.chains.shape[:2], *rows.readings.shape[1:])
+        shape = (*self.stored.shape[:2], *rows.readings.shape[1:])
         by_chain = replace(rows, modelled=rows.modelled.reshape(shape), readings=rows.readings.reshape(shape))
         predictions = {"prior_predictive": before, "posterior_predictive": by_chain}
         kept = self.kept
@@ -331,12 +339,13 @@ def run_prior(study: Study, *, seed: int = 1) -> PriorResult:
     drawing, predicting = (default_rng(stream) for stream in SeedSequence(seed).spawn(2))
     target = posterior(study)
     cut = draw_cut_prior(target, DRAWS, drawing)
+    kept = cut.x[:: one_in(len(study.observations), DRAWS)]
     failures = Failures()
     without_wheels(study, "run --prior-only")
     predictions = failures.attempt(
         "prior_predictive",
-        lambda: predict_rows(study, target, cut.x, predicting, before=True),
-        lambda: no_rows(study, len(cut.x)),
+        lambda: predict_rows(study, target, kept, predicting, before=True),
+        lambda: no_rows(study, len(kept)),
     )
     curves = failures.attempt(
         "curves",

@@ -18,7 +18,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray, answered_quantiles
 from bayesterra.checking.levels import scope, untested
-from bayesterra.checking.predictive import Curves, RowPredictions
+from bayesterra.checking.predictive import FEW_ROWS, Curves, RowPredictions, one_in
 from bayesterra.checking.soil_tests import verdict_on_tests
 from bayesterra.checking.validation import Validation, fit_verdict, prediction_verdict
 from bayesterra.errors import ResultError
@@ -397,12 +397,16 @@ def draws_tree(
     laws, use, log_density = posterior.prior.laws, study.observations.use, posterior.log_before(flat)
     groups: dict[str, xr.Dataset] = {}
     if posterior.driven:
-        pointwise = posterior.log_terms(flat)
-        apart = posterior.likelihood.rows_apart
-        log_density = log_density + (pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0])
+        kept = chains[:, :: one_in(len(use), len(flat))]
+        pointwise = posterior.log_terms(kept.reshape(-1, kept.shape[2]))
+        if kept.shape == chains.shape:
+            apart = posterior.likelihood.rows_apart
+            log_density = log_density + (pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0])
+        else:
+            log_density = posterior.log_density(flat)
         predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
         groups = {
-            "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*shape, *pointwise.shape[1:])),
+            "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*kept.shape[:2], *pointwise.shape[1:])),
             **{name: base.of_rows(dataset, use) for name, dataset in predicted.items()},
             "observed_data": base.of_rows(base.observed_dataset(study), use),
             "constant_data": base.of_rows(base.conditions_dataset(study), use),
@@ -435,18 +439,21 @@ def _rows(likelihood: Likelihood, pointwise: FloatArray) -> xr.Dataset:
     if likelihood.terms != likelihood.channels:
         silent = np.asarray(silent.all(axis=1, keepdims=True))
     values = np.where(silent, np.nan, pointwise)
-    dims = ("chain", "draw", "row")
-    dataset = base.labelled_dataset({name: (dims, values[..., i]) for i, name in enumerate(likelihood.terms)})
-    return dataset.assign_coords(row=list(likelihood.observations.rows))
+    return _by_row(likelihood.terms, values, likelihood.observations.rows)
 
 
 def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
     """Readings with noise of all rows; a single chain unless the caller says otherwise."""
     chains = len(rows.readings) if rows.readings.ndim == 4 else 1
     readings = rows.readings.reshape(chains, -1, *rows.readings.shape[-2:])
-    dims = ("chain", "draw", "row")
-    dataset = base.labelled_dataset({name: (dims, readings[..., i]) for i, name in enumerate(rows.channels)})
-    return dataset.assign_coords(row=list(study.observations.rows))
+    return _by_row(rows.channels, readings, study.observations.rows)
+
+
+def _by_row(names: Sequence[str], values: FloatArray, rows: Sequence[int]) -> xr.Dataset:
+    """Values (chain, draw, row, names) with the numbers of the rows; of many rows to seven digits."""
+    held, dims = values.astype(np.float32) if len(rows) > FEW_ROWS else values, ("chain", "draw", "row")
+    dataset = base.labelled_dataset({name: (dims, held[..., i]) for i, name in enumerate(names)})
+    return dataset.assign_coords(row=list(rows))
 
 
 def curves_dataset(curves: tuple[Curves, ...]) -> xr.Dataset:

@@ -21,14 +21,15 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.likelihood.joint import JointPosterior
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import DOUBLES, Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw, log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
-DRAWS = 4000
+DRAWS, FEWEST_DRAWS = 4000, 1000
+"""Draws that are weighed; of tables of more than thousands of rows fewer."""
 START_DRAWS = 1024
 PIT_DRAWS = 1000
 FINAL_DRAWS = (8192, 32768)
@@ -136,7 +137,7 @@ def cross_validate(
     rests : by level, the likelihood of all other rows.
     few_rows : below this number of rows each is refitted, and no ``pit`` is computed.
     """
-    x = spaced(draws, DRAWS)
+    x = spaced(draws, min(DRAWS, max(FEWEST_DRAWS, int(DOUBLES / posterior.likelihood.measured.size))))
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
     density, more = log_rows[1], [level for level in rests if len(level) > 1]
     m, apart = density.shape[1], posterior.likelihood.rows_apart
@@ -194,7 +195,9 @@ class _Weighted:
     @classmethod
     def of(cls, x: FloatArray, log_weights: FloatArray, log_row: FloatArray) -> _Weighted:
         finite = np.isfinite(log_weights)
-        return cls(x[finite], *pareto_smoothed(log_weights[finite]), log_row[finite])
+        if not finite.all():
+            x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]
+        return cls(x, *pareto_smoothed(log_weights), log_row)
 
     def estimate(self) -> tuple[float, float]:
         """Elpd of the rows and its Monte Carlo error."""

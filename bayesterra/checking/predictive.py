@@ -33,6 +33,10 @@ from bayesterra.study.study import Study
 
 GRID = 41
 FORCE = "normal_force"
+FEW_ROWS = 50
+"""Rows up to which every draw is kept row by row."""
+FEWEST_DRAWS, MOST_DRAWS, VALUES = 400, 2000, 800_000
+"""Draws kept of each of more rows: so many numbers in all, within these ends."""
 LEAST_TOLD = 1e-12
 """Precision, 1/N², of a load on which a row has no number."""
 
@@ -81,6 +85,12 @@ def no_rows(study: Study, n: int) -> RowPredictions:
     channels = tuple(study.noise)
     empty = np.full((n, len(study.observations), len(channels)), np.nan)
     return RowPredictions(channels, empty, empty)
+
+
+def one_in(rows: int, draws: int) -> int:
+    """Number of draws of which one is kept, where something is kept of each row: 1 unless rows are many."""
+    most = draws if rows <= FEW_ROWS else max(FEWEST_DRAWS, min(MOST_DRAWS, VALUES // rows))
+    return max(1, -(-draws // most))
 
 
 def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:
@@ -278,24 +288,53 @@ class ReplicateOptions:
     searches: int = 2
 
 
+TOLD = 0.9
+"""Share of proposed sets from which those of which nodes tell all rows stand for all."""
+
+
 @dataclass(frozen=True)
 class _Pool:
-    """Proposed sets with all that they say."""
+    """Proposed sets with all that they say; ``modelled`` is None where the ``outcomes`` are those of nodes."""
 
+    posterior: Posterior
     sets: Proposed
-    modelled: Modelled
+    modelled: Modelled | None
     outcomes: Outcomes
 
     @classmethod
     def of(cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
-        sets = near.propose(mixture, min(n, near.posterior.likelihood.at_once), rng)
-        outcomes = near.posterior.explained(sets.x, rng)
+        posterior, likelihood = near.posterior, near.posterior.likelihood
+        if (nodes := likelihood.forward.nodes) is not None and likelihood.squares(likelihood.measured) is not None:
+            sets = near.propose(mixture, n, rng)
+            outcomes, told = likelihood.forward.at_nodes(nodes, posterior.prior.soil_values(sets.x))
+            if told.mean() > TOLD:
+                kept = np.flatnonzero(told)
+                return cls(posterior, sets.take(kept), None, outcomes.take(kept))
+        sets = near.propose(mixture, min(n, likelihood.at_once), rng)
+        outcomes = posterior.explained(sets.x, rng)
         kept = np.flatnonzero(outcomes.status == 0)
         sets, outcomes = sets.take(kept), outcomes.take(kept)
-        return cls(sets, Modelled.of(near.posterior, sets.x, outcomes), outcomes)
+        return cls(posterior, sets, Modelled.of(posterior, sets.x, outcomes), outcomes)
 
     def weights(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
-        return normalised(self.sets.log_base + self.modelled.log_likelihood(likelihood, readings))
+        """Weights (n,) of the sets for a table of readings (m, channels)."""
+        if self.modelled is not None:
+            return normalised(self.sets.log_base + self.modelled.log_likelihood(likelihood, readings))
+        squares, noise = likelihood.squares(readings) or (), self.posterior.noise_values(self.sets.x)
+        return normalised(self.sets.log_base + likelihood.log_told(squares, self.outcomes, noise))
+
+    def explained(self, chosen: IntArray) -> Outcomes:
+        """Outcomes of all rows for some of the sets."""
+        outcomes, nodes = self.outcomes.take(chosen), self.posterior.likelihood.forward.nodes
+        if self.modelled is not None or nodes is None:
+            return outcomes
+        return replace(outcomes, values=nodes.at_rows(outcomes.values))
+
+    def take(self, chosen: IntArray) -> Modelled:
+        """What some of the sets say of all rows."""
+        if self.modelled is not None:
+            return self.modelled.take(chosen)
+        return Modelled.of(self.posterior, self.sets.x[chosen], self.explained(chosen))
 
 
 @dataclass(frozen=True)
@@ -319,7 +358,7 @@ def replicates(
     rng, near, likelihood = default_rng(own), PosteriorProposal.of(posterior, draws), posterior.likelihood
     pool = _Pool.of(near, near.mixture(rng, options.widening), options.pool, rng)
     chosen = systematic(pool.weights(likelihood, likelihood.measured), options.number, rng)
-    tables = likelihood.draw(pool.outcomes.take(chosen), posterior.noise_values(pool.sets.x[chosen]), rng)
+    tables = likelihood.draw(pool.explained(chosen), posterior.noise_values(pool.sets.x[chosen]), rng)
     tables[:, np.isnan(likelihood.measured)] = np.nan
 
     def judged(table: FloatArray, stream: SeedSequence) -> T:
@@ -342,5 +381,5 @@ def _settled(
         local_weights = local.weights(likelihood, readings)
         if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights
-    draws = pool.modelled.take(systematic(weights, options.draws, rng)).explaining(likelihood, readings, rng)
+    draws = pool.take(systematic(weights, options.draws, rng)).explaining(likelihood, readings, rng)
     return Replicate(readings, draws, effective_number(weights))

@@ -22,6 +22,8 @@ from bayesterra.study.study import Study
 from bayesterra.study.units import quantity
 
 Codes = NDArray[np.int8]
+FINER = 4
+"""How many times as many nodes soils get for which those before were too few."""
 _FORCE = slice(NORMAL_FORCE, NORMAL_FORCE + 1)
 
 
@@ -87,6 +89,7 @@ class Forward:
     conditions : slip and wheel of every row.
     given : load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m).
     as_read : sinkages are readings, with the zero error of the instrument; else true ones.
+    times : how many times as many nodes tell the rows as most soils need.
     """
 
     model: ForwardModel
@@ -94,6 +97,7 @@ class Forward:
     conditions: Conditions
     given: FloatArray
     as_read: bool = False
+    times: int = 1
 
     @classmethod
     def of(cls, model: ForwardModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> Forward:
@@ -121,9 +125,17 @@ class Forward:
         values = self.nodes.at_rows(at_nodes.values)
         outcomes = Outcomes(self.outcomes, values, np.zeros(len(soil), dtype=np.int64))
         if not told.all():
-            rest = self.exact(soil[~told], every_row=every_row)
+            rest = self.finer(soil[~told], every_row=every_row)
             values[~told], outcomes.status[~told] = rest.values, rest.status
         return outcomes
+
+    def status(self, soil: FloatArray) -> IntArray:
+        """Status (n,) of soil arrays (n, p), as of their outcomes."""
+        if self.nodes is None:
+            return self.exact(soil).status
+        told, status = self.at_nodes(self.nodes, soil)[1], np.zeros(len(soil), dtype=np.int64)
+        status[~told] = self.finer.status(soil[~told])
+        return status
 
     def exact(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
         """The same where the model is run at every row."""
@@ -140,9 +152,14 @@ class Forward:
     @cached_property
     def nodes(self) -> Nodes | None:
         """Nodes that tell the rows; None where loads are not given, or rows are few."""
-        if self.drive.by_sinkage or self.drive.latent_load or self.given.ndim > 1:
+        if self.drive.by_sinkage or self.drive.latent_load or self.given.ndim > 1 or self.times > FINER:
             return None
-        return Nodes.of(self.model, self.conditions, self.given)
+        return Nodes.of(self.model, self.conditions, self.given, self.times)
+
+    @cached_property
+    def finer(self) -> Forward:
+        """The same with more nodes, for soils that bend; then with none."""
+        return replace(self, times=FINER * self.times)
 
     def at_nodes(self, nodes: Nodes, soil: FloatArray) -> tuple[Outcomes, BoolArray]:
         """Outcomes of the nodes for soil arrays (n, p), and for which of these (n,) they tell all rows."""

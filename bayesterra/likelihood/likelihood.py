@@ -14,7 +14,6 @@ at a sinkage at once; the error of its logarithm is below 1e-3.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -36,6 +35,9 @@ from bayesterra.models.kernels import Codes, Lanes, Plan, called, compiled, inli
 from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
+
+DOUBLES = 2e7
+"""Numbers that what is worked on at once may take."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +74,7 @@ class Likelihood:
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer."""
-        return self.forward(soil).status
+        return self.forward.status(soil)
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log density (n, m, terms) of every row's readings; −inf where the model has no answer."""
@@ -82,34 +84,44 @@ class Likelihood:
 
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n,) of soil arrays (n, p); −inf where the model has no answer."""
-        nodes, squares = self.forward.nodes, self._squares
+        if len(soil) > (most := self.at_once):
+            parts = [slice(first, first + most) for first in range(0, len(soil), most)]
+            return np.concatenate([self.log_likelihood(soil[part], noise_values[part]) for part in parts])
+        nodes, squares = self.forward.nodes, self._own_squares
         if nodes is None or squares is None:
             return self.log_density(self.forward(soil), noise_values)
         outcomes, told = self.forward.at_nodes(nodes, soil)
-        total = self._squared(squares, outcomes, noise_values)
+        total = self.log_told(squares, outcomes, noise_values)
         if not told.all():
-            total[~told] = self.log_density(self.forward.exact(soil[~told]), noise_values[~told])
+            total[~told] = self._finer.log_likelihood(soil[~told], noise_values[~told])
         return total
 
     @cached_property
-    def _squares(self) -> tuple[Squares, ...] | None:
-        """Squared residuals of every channel; None where no nodes tell the rows, or noise is not Gaussian.
+    def _finer(self) -> Likelihood:
+        return replace(self, forward=self.forward.finer)
 
-        Nor where its size hangs on what is modelled, or is estimated for some rows only.
+    @cached_property
+    def _own_squares(self) -> tuple[Squares, ...] | None:
+        return self.squares(self.measured)
+
+    def squares(self, readings: FloatArray) -> tuple[Squares, ...] | None:
+        """Squared residuals of every channel of readings (m, channels) whose rows are told by nodes; else None.
+
+        None also where noise is not Gaussian, hangs on what is modelled, or is estimated for some rows only.
         """
         nodes, sums = self.forward.nodes, []
-        if nodes is None or self.intervals is not None:
+        if nodes is None or self.intervals is not None or self.together:
             return None
-        for noise, readings in zip(self.noise, self.measured.T, strict=True):
+        for noise, column in zip(self.noise, readings.T, strict=True):
             own = self._given_sd[noise.channel]
             if noise.tails != GAUSSIAN or noise.fraction is not None or (noise.parameter and not np.isnan(own).all()):
                 return None
-            scale = np.ones(len(own)) if noise.parameter else noise.scale(readings[None], None, own)[0]
-            sums.append(Squares.of(readings, scale, nodes.spread))
+            scale = np.ones(len(own)) if noise.parameter else noise.scale(column[None], None, own)[0]
+            sums.append(Squares.of(column, scale, nodes.spread))
         return tuple(sums)
 
-    def _squared(self, sums: Sequence[Squares], outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
-        """Log likelihood (n,) by ``outcomes`` of the nodes."""
+    def log_told(self, sums: Sequence[Squares], outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of readings of which these are the squares, by ``outcomes`` of the nodes."""
         total, estimated = np.zeros(len(outcomes.values)), iter(noise_values.T)
         for noise, squares in zip(self.noise, sums, strict=True):
             size = noise.widened(next(estimated)) if noise.parameter else np.ones(1)
@@ -127,8 +139,8 @@ class Likelihood:
 
     @property
     def at_once(self) -> int:
-        """Parameter sets whose matrices find room at once."""
-        return sys.maxsize
+        """Parameter sets whose outcomes or matrices find room at once."""
+        return max(1, int(DOUBLES / max(1, self.measured.size)))
 
     def joint_law(self, soil: FloatArray, noise_values: FloatArray) -> TableLaw | None:
         """Law of the whole table at soils with an answer in every row; None where rows are independent."""

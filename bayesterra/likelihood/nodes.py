@@ -35,8 +35,11 @@ class Nodes:
     sizes: FloatArray  # (3, t): what the coefficients of an outcome are small against
 
     @classmethod
-    def of(cls, model: ForwardModel, rows: Conditions, load: FloatArray) -> Nodes | None:
-        """Nodes for some rows; None where a model is not known to be smooth, or no wheel and load has enough rows."""
+    def of(cls, model: ForwardModel, rows: Conditions, load: FloatArray, times: int = 1) -> Nodes | None:
+        """Nodes for some rows, so many ``times`` as many as most soils need.
+
+        None where a model is not known to be smooth, or no wheel and load has enough rows.
+        """
         names = [each.name for each in fields(rows)]
         known = np.column_stack([*(getattr(rows, name) for name in names if name != "slip"), load])
         if not model.compiled or np.isnan(known).any():
@@ -46,7 +49,7 @@ class Nodes:
             return None
         mine = [np.flatnonzero(kind.ravel() == i) for i in range(len(kinds))]
         bends = model.bends(rows)
-        parts = [_interpolation(rows.slip[own], bends[at]) for own, at in zip(mine, first, strict=True)]
+        parts = [_interpolation(rows.slip[own], bends[at], times) for own, at in zip(mine, first, strict=True)]
         if not any(tails.size for _, _, tails in parts):
             return None
         at = np.repeat(first, [len(slip) for slip, _, _ in parts])
@@ -66,14 +69,14 @@ class Nodes:
         return (values.swapaxes(1, 2) @ self.spread).swapaxes(1, 2)
 
 
-def _interpolation(slip: FloatArray, bends: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _interpolation(slip: FloatArray, bends: FloatArray, times: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Slips (k,) of the nodes of one wheel under one load, and matrices as of :class:`Nodes`.
 
     Where rows have no more slips than there would be nodes, the slips are the nodes and there are no coefficients.
     """
     slips, place = np.unique(slip, return_inverse=True)
     ends = [slips[0], *np.unique(bends[(bends > slips[0]) & (bends < slips[-1])]), slips[-1]]
-    counts = [FEWEST + round(MORE * (high - low)) for low, high in pairwise(ends)]
+    counts = [times * (FEWEST + round(MORE * (high - low))) for low, high in pairwise(ends)]
     nodes = 1 + sum(counts) - len(counts)  # pieces share their ends
     if len(slips) <= nodes:
         return slips, np.eye(len(slips))[:, place], np.zeros((len(slips), 0))

@@ -11,7 +11,8 @@ import xarray as xr
 
 from bayesterra.analysis.comparison import compare
 from bayesterra.analysis.result import curves_dataset, draws_tree, read_result
-from bayesterra.checking.predictive import predict_curves, predict_rows
+from bayesterra.arrays import FloatArray
+from bayesterra.checking.predictive import one_in, predict_curves, predict_rows
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Wheel
 from bayesterra.prediction.prediction import predict
@@ -43,21 +44,27 @@ OLDER = Path(__file__).parent / "older"
 """A result of the version before rows that are left out had groups of their own, its draws thinned."""
 
 
-def written(path: Path, **given: Any) -> Study:
-    """Write draws around a soil that explains the table, with the third row left out."""
+def drawn(count: int) -> FloatArray:
+    """Draws (4, count, 2) of c and φ around a soil that explains the table."""
+    return np.array([300.0, 0.5]) + np.array([30.0, 0.005]) * np.random.default_rng(3).standard_normal((4, count, 2))
+
+
+def written(path: Path, *, copies: int = 1, count: int = 100, **given: Any) -> Study:
+    """Write draws with ``copies`` of the table, the third row of each left out."""
     noise = {"sinkage": "1 mm", "drawbar_pull": "1 N", "resistance_moment": "0.2 N m"}
-    table = TABLE
+    table = pd.concat([TABLE] * copies)
     if given.get("drive") == "both":
-        table, noise = (TABLE.rename(columns={"load [N]": "normal_force [N]"}), {**noise, "normal_force": "2 N"})
+        table, noise = (table.rename(columns={"load [N]": "normal_force [N]"}), {**noise, "normal_force": "2 N"})
     wheel = Wheel(0.135, 0.165, 0.015, 24, 0.75)
     study = Study(table, {"A": wheel}, slip_reference="shearing", model="M2", noise=noise,
                   priors={"set": "paper-box", **HELD}, **given)  # fmt: skip
-    target, rng = posterior(study), np.random.default_rng(3)
-    x = np.array([300.0, 0.5]) + np.array([30.0, 0.005]) * rng.standard_normal((4, 100, 2))
+    target, rng = posterior(study), np.random.default_rng(4)
+    x = drawn(count)
     assert target.names == ("c", "phi")
-    flat, labels = x.reshape(-1, 2), {name: np.zeros(x.shape[:2]) for name in ("walker", "step")}
+    kept = x[:, :: one_in(len(table), 4 * count)]
+    flat, labels = kept.reshape(-1, 2), {name: np.zeros(x.shape[:2]) for name in ("walker", "step")}
     rows, before = (predict_rows(study, target, flat, rng, before=one) for one in (False, True))
-    by_chain = type(rows)(rows.channels, rows.modelled, rows.readings.reshape(4, 100, 6, -1))
+    by_chain = type(rows)(rows.channels, rows.modelled, rows.readings.reshape(*kept.shape[:2], len(table), -1))
     tree = draws_tree(
         study, target, x, labels, flat, {"posterior_predictive": by_chain, "prior_predictive": before},
         curves_dataset(predict_curves(study, target, flat[:20], rng)),
@@ -85,6 +92,26 @@ def test_rows_of_the_fit_have_one_dimension(drive: str, tmp_path: Path) -> None:
         for node in tree.subtree:
             assert node.attrs["inference_library"] == "bayesterra"
             assert node.attrs["inference_library_version"] == "0.1.0"
+
+
+def test_of_many_rows_fewer_draws_are_kept_row_by_row(tmp_path: Path) -> None:
+    """2000 at most, evenly spaced and to seven digits; parameters and log densities of all, and ArviZ reads them."""
+    study = written(tmp_path / "draws.nc", copies=20, count=1200)
+    target, x = posterior(study), drawn(1200)
+    data: Any = az.from_netcdf(tmp_path / "draws.nc")
+    assert dict(data["posterior"].sizes) == {"chain": 4, "draw": 1200}
+    expected = target.log_density(x.reshape(-1, 2)).reshape(4, 1200)
+    np.testing.assert_allclose(data["sample_stats"]["lp"], expected, rtol=1e-12)
+    for name in ("log_likelihood", "prior_predictive", "posterior_predictive"):
+        for values in data[name].data_vars.values():
+            assert values.dtype == np.float32
+            assert values.sizes["chain"] * values.sizes["draw"] == 1600
+    rows = target.log_terms(x[:, ::3].reshape(-1, 2)).reshape(4, 400, 100, 3)
+    for i, channel in enumerate(CHANNELS):
+        np.testing.assert_allclose(data["log_likelihood"][channel], rows[..., i], rtol=1e-6)
+        found, raw = az.loo(data, var_name=channel), -np.log(np.mean(np.exp(-rows[..., i]), axis=(0, 1))).sum()
+        assert found.n_data_points == 100
+        assert float(found.elpd_loo if hasattr(found, "elpd_loo") else found.elpd) == pytest.approx(raw, abs=0.5)
 
 
 @pytest.mark.filterwarnings("ignore:Passing a dict or None as alias_mapping")  # matplotlib 3.11 of ArviZ 0.23

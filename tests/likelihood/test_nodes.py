@@ -14,7 +14,7 @@ from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import ForwardModel
 from bayesterra.parameters import columns_of
 
-ROWS = 150
+ROWS = 200
 KNOWN: dict[str, Any] = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
 ESTIMATED = {"estimate": {"dist": "halfnorm", "scale": 2.0, "lower": 0.2}}
 SIZES = np.array([1e-3, 1.5, 0.3])
@@ -63,13 +63,15 @@ def test_rows_told_by_nodes_are_those_of_the_model(model: str) -> None:
     for every_row in (False, True):
         fast, exact = forward(soil, every_row=every_row), forward.exact(soil, every_row=every_row)
         np.testing.assert_array_equal(fast.status, exact.status)
-        np.testing.assert_array_equal(fast.values[~told], exact.values[~told])
-        assert np.abs((fast.values - exact.values)[told] / SIZES).max() < 1e-7
+        np.testing.assert_array_equal(np.isnan(fast.values), np.isnan(exact.values))
+        assert np.nanmax(np.abs((fast.values - exact.values) / SIZES)) < 1e-7
         assert np.isfinite(fast.values[told]).all()
+    np.testing.assert_array_equal(forward.status(soil), exact.status)
+    assert set(exact.status.tolist()) >= {0, 1}
 
 
-def test_a_soil_that_bends_between_the_nodes_is_run_at_every_row() -> None:
-    """Its outcomes are off by more than the noise where the nodes are believed."""
+def test_nodes_tell_no_soil_that_bends_between_them() -> None:
+    """Such soils are off by more than the noise where the nodes are believed; some are run at every row in the end."""
     whole = target(table())
     forward, soil = whole.likelihood.forward, soils(whole)[0]
     assert forward.nodes is not None
@@ -79,6 +81,9 @@ def test_a_soil_that_bends_between_the_nodes_is_run_at_every_row() -> None:
     answered = np.isfinite(off).all(axis=1)
     assert off[answered & ~told].max() > 1.0
     assert not told[~answered].any()
+    assert forward.finer.nodes is not None
+    assert forward.finer.finer.nodes is None
+    assert forward.finer.at_nodes(forward.finer.nodes, soil)[1].sum() > told.sum()
 
 
 @pytest.mark.parametrize(
@@ -101,7 +106,7 @@ def test_the_likelihood_of_many_rows_is_that_of_each(noise: dict[str, Any]) -> N
     np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
     np.testing.assert_allclose(found[told], expected[told], rtol=1e-9, atol=1e-5)
     rest = np.isfinite(expected) & ~told
-    np.testing.assert_allclose(found[rest], expected[rest], rtol=1e-13)
+    np.testing.assert_allclose(found[rest], expected[rest], rtol=1e-9, atol=1e-5)
 
 
 @pytest.mark.parametrize(
