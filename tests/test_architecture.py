@@ -99,6 +99,7 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
                 *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
             },
         ),
+        ([], "import bayesterra.analysis.figures as figures; figures._hist2d()", {"arviz", "arviz_stats", "dask"}),
     ],
 )
 def test_nothing_is_imported_before_it_is_needed(options: list[str], code: str, absent: set[str]) -> None:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from pathlib import Path
+from typing import Any
 
-import corner as corner_library
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -29,6 +33,21 @@ PRIOR_BINS = 30
 PALE = ("#FFFFFF00", "#8A8A8A2E")
 GAP = 0.05
 """Between panels of the corner plot, in panels."""
+
+
+@cache
+def _hist2d() -> Callable[..., Any]:
+    """``corner.hist2d`` by its file alone: the package around it imports all of ArviZ and more, of no use here."""
+    package = find_spec("corner")
+    home = Path(package.origin).with_name("core.py") if package and package.origin else Path()
+    spec = spec_from_file_location("corner_core", home) if home.is_file() and "corner" not in sys.modules else None
+    if spec is None or spec.loader is None:
+        import corner as core
+    else:
+        core = module_from_spec(spec)
+        spec.loader.exec_module(core)
+    draw: Callable[..., Any] = core.hist2d
+    return draw
 
 
 @figures.styled
@@ -78,7 +97,7 @@ def _panels(figure: Figure, limits: list[tuple[float, float]], labels: list[str]
 def _prior_layer(axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, float]]) -> None:
     """Prior on its whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
     for ax, x, y, pair in _pairs(axes, draws, ranges):
-        corner_library.hist2d(
+        _hist2d()(
             x, y, PRIOR_BINS, pair, ax=ax, smooth=3.0, levels=(PRIOR_MASS,), fill_contours=True, color=figures.PRIOR,
             contour_kwargs={"alpha": 0.4, "linewidths": 0.7}, contourf_kwargs={"colors": PALE}, **_BARE,
         )  # fmt: skip
@@ -88,7 +107,7 @@ def _prior_layer(axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, 
 
 def _posterior_layer(axes: FloatArray, draws: FloatArray, limits: list[tuple[float, float]]) -> None:
     for ax, x, y, pair in _pairs(axes, draws, limits):
-        corner_library.hist2d(
+        _hist2d()(
             x, y, CORNER_BINS, pair, ax=ax, smooth=1.2, levels=figures.PROBABILITIES, no_fill_contours=True,
             color=figures.POSTERIOR, **_BARE,
         )  # fmt: skip

@@ -7,6 +7,7 @@ import tomllib
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, NotRequired, Self
 
@@ -140,12 +141,12 @@ class RunResult(base.Result):
     RECORD = RunRecord
     VIEW = "bayesterra.analysis.page:run"
 
-    @property
+    @cached_property
     def validation(self) -> Validation:
         """Predictive checks under posterior and prior, and leave-one-out by row."""
         return Validation.from_record(self.record)
 
-    @property
+    @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts on sampling, fit, prediction and soil, from tables and record; none where these failed."""
         if failed(self.record, "verdicts"):

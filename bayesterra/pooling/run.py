@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -82,7 +83,7 @@ class PooledResult(result.Result):
     sharing: pd.DataFrame
     left_out: pd.DataFrame
 
-    @property
+    @cached_property
     def verdicts(self) -> tuple[Verdict, ...]:
         """Verdicts on the sampling, with that of the posteriors beside it, and on fit and prediction."""
         sampling = sampling_verdict(self.record)
