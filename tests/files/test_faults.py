@@ -43,7 +43,7 @@ def test_a_few_of_every_fault(tmp_path: Path) -> None:
         env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,
         text=True,
-        timeout=900,
+        timeout=3600,
     )
     trials = [row for part in parts for row in rows_of(tmp_path / f"{part}.csv")]
     broken = [row for row in trials if row["outcome"] not in KEPT]

@@ -332,7 +332,7 @@ def test_absurd_inputs_on_the_command_line(base: targets.Base, tmp_path: Path) -
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=work, input=json.dumps(asked), capture_output=True, text=True,
-        timeout=300, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (4096 * MB, 4096 * MB)),
+        timeout=900, preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (4096 * MB, 4096 * MB)),
     )  # fmt: skip
     assert done.stdout.split() == ["2"] * len(asked), done.stdout + done.stderr
     lines = done.stderr.splitlines()

@@ -24,7 +24,7 @@ def test_a_killed_run_resumes_to_the_same_draws(tmp_path: Path) -> None:
         env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         capture_output=True,
         text=True,
-        timeout=600,
+        timeout=3600,
     )
     assert done.returncode == 0, done.stderr
     undisturbed, *runs = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
@@ -37,5 +37,5 @@ def test_a_killed_run_resumes_to_the_same_draws(tmp_path: Path) -> None:
         assert run["files"] == runs[0]["files"], run
     assert "report.html" in runs[0]["files"]
     assert "checkpoint" not in runs[0]["files"]
-    assert len({run["segments"] for run in runs}) > 3  # death came at many stages
+    assert len({run["segments"] for run in runs}) > KILLS // 6  # death came at many stages
     assert "Traceback" not in done.stderr

@@ -254,7 +254,7 @@ CASES = {
             ("a population", "by hand"),
             ("two parameters", "from a result"),
         ],
-        3,
+        2,
     ),
 )
 def test_draws_and_evidence_are_those_of_a_grid(

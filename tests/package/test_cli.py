@@ -34,7 +34,7 @@ def refused(arguments: list[str], capsys: Captured) -> str:
 
 def python(*arguments: str) -> "subprocess.CompletedProcess[str]":
     """Run the interpreter of the tests."""
-    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=60)
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, timeout=300)
 
 
 def test_version_and_help(capsys: Captured) -> None:

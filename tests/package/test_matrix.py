@@ -11,7 +11,7 @@ from tests.support.vocabulary import says_one_thing
 
 PERMITTED = {"follow": ("knows no sweeps, along which",)}
 """What a command may be refused with."""
-CHOSEN = some(kinds(), 7)
+CHOSEN = some(kinds(), 5)
 """Kinds on which every command is run."""
 DEAR = ("calibrate", "holdout")
 """Commands that sample again and again: of groups, which takes minutes, where BAYESTERRA_ALL is set."""

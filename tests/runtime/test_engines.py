@@ -171,7 +171,7 @@ def test_ctrl_c_ends_everything_at_once_and_quietly(seconds: str, tmp_path: Path
         assert time.monotonic() < end, "no progress"
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=20)
+    _, told = process.communicate(timeout=120)
     assert process.returncode != 0
     assert told.count("Traceback") == 1
     assert told.rstrip().endswith("KeyboardInterrupt")

@@ -1,4 +1,4 @@
-"""What the first screen says of faults: two runs now, the stored study checked."""
+"""What the first screen says of faults: a run now, the stored study checked."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,6 +6,8 @@ from types import ModuleType
 
 import pandas as pd
 import pytest
+
+from tests.support.choice import some
 
 STUDY = Path(__file__).parents[2] / "studies" / "misfit" / "first-screen"
 PASS = ("wheel half as wide", "readings of M2 under M1")
@@ -18,7 +20,7 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", ["M1, one load", "loads in kilograms"])
+@pytest.mark.parametrize("case", some(["M1, one load", "loads in kilograms"], 1))
 def test_the_first_run_is_remade(script: ModuleType, case: str) -> None:
     """Grades, exit code and sentence come out as stored."""
     results = pd.read_csv(STUDY / "results.csv")
