@@ -34,6 +34,8 @@ ONLY_IN = {
     "jinja2": {"report/sections.py"},
     "dynesty": {"sampling/evidence.py"},
     "typer": {"cli.py", "__main__.py"},
+    "starlette": {"ui/"},
+    "uvicorn": {"ui/"},
 }
 """Outside libraries that one part of the package only may import."""
 

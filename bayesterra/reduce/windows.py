@@ -34,6 +34,8 @@ SETTLING = 4.0
 """Spreads of the second half, at least, by which a beginning that still settles is away from it."""
 MOST_SLIP = 1.05
 """Slip, either way, beyond which it is none; a locked wheel is at −1 but for noise."""
+ANY_DRIFT = 1e9
+"""Share of the mean by which nothing drifts."""
 RESOLVED = 1e-6
 """Resolution of a channel that never changes, as a share of its value."""
 SPEEDS = ("travel_speed", "rim_speed")
@@ -82,6 +84,16 @@ def windows_of(log: Log, settings: Settings) -> tuple[Window, ...]:
         if this.rejected and this.rejected == before.rejected:
             windows[i - 1 : i + 1] = [replace(before, end=this.end)]
     return tuple(windows)
+
+
+def window_at(log: Log, settings: Settings, start: float, end: float) -> Window:
+    """The window between two times (s) that a person chose: as it is, with what it drifts by in its standard errors."""
+    series, time = drive_series(log, settings), log.values["time"]
+    fastest = max(float(np.nanmax(np.abs(series[name]))) for name in (*SPEEDS, "slip") if name in series)
+    stretch = slice(int(np.searchsorted(time, start)), int(np.searchsorted(time, end, "right")))
+    if stretch.stop - stretch.start < SAMPLES:
+        return Window(log.name, start, end, f"too short: {max(stretch.stop - stretch.start, 0)} samples")
+    return _window(log.name, time, series, stretch, fastest, replace(settings, steady=ANY_DRIFT))
 
 
 def drive_series(log: Log, settings: Settings) -> dict[str, FloatArray]:

@@ -287,6 +287,63 @@ class Site:
             **shown,
         )
 
+    # A log: from samples to rows
+
+    async def begin_log(self, request: Request) -> Response:
+        """Take a log, and show its windows."""
+        _, uploads = await received(request)
+        upload = one_file(uploads)
+        number = await run_in_threadpool(self.folder.keep_upload, upload.name, upload.content)
+        return RedirectResponse(f"/logs/{number}", 303)
+
+    async def log(self, request: Request) -> Response:
+        """A log with the windows that are found."""
+
+        def shown() -> Response:
+            number, path = request.path_params["number"], self.folder.upload(request.path_params["number"])
+            content = self._reduced(number, {})
+            return self.page("log.html", f"Log {path.name}", number=number, suggested=path.stem[:60], **content)
+
+        return await run_in_threadpool(shown)
+
+    async def change_log(self, request: Request) -> Response:
+        """The same with other settings, and windows where they were moved to."""
+        form, _ = await received(request)
+        number = request.path_params["number"]
+        return await run_in_threadpool(lambda: self.part("reduced_log.html", **self._reduced(number, form)))
+
+    def _reduced(self, number: str, form: Form) -> dict[str, Any]:
+        from bayesterra.ui.reduction import Reduced
+
+        path = self.folder.upload(number)
+        try:
+            reduced = Reduced.of(path, form)
+        except BayesterraError as error:
+            message = (
+                str(error)
+                .replace(f"{path}: ", "")
+                .replace(' --radius "58 mm"', " above")
+                .replace('--plate "100 mm"', "give it above")
+            )
+            return {"reduced": None, "error": message, "panels": (), "overview": (), "form": form}
+        return {"reduced": reduced, "error": "", "panels": reduced.panels(), "overview": reduced.overview()}
+
+    async def save_log(self, request: Request) -> Response:
+        """Write the rows as a table with its page; of drives begin a study."""
+        form, _ = await received(request)
+        return RedirectResponse(await run_in_threadpool(self._save_log, request.path_params["number"], form), 303)
+
+    def _save_log(self, number: str, form: Form) -> str:
+        from bayesterra.ui.reduction import Reduced
+
+        reduction = Reduced.of(self.folder.upload(number), form).reduction
+        path = self.folder.root / checked_entry(f"{form.get('name', '').strip()}.csv")
+        self.folder.inside(path)
+        reduction.save(path)
+        if reduction.branches:
+            return "/"
+        return f"/draft/{self._begin(Upload(path.name, self.folder.content(path.name)))}"
+
     # A result
 
     async def result(self, request: Request) -> Response:
@@ -450,7 +507,9 @@ def application(folder: Folder, address: Address, most: int = MOST_BODY) -> tupl
         post("/draft/{number}/tests", site.attach), post("/draft/{number}/prior", site.prior_of_draft),
         post("/draft/{number}/save", site.save_draft), get("/study/{name}", site.study),
         post("/study/{name}/prior", site.prior_of_study), post("/study/{name}/copy", site.copy),
-        get("/result/{name}", site.result), get("/what-if/{name}", site.what_if), post("/what-if/{name}", site.bands),
+        post("/logs", site.begin_log), get("/logs/{number}", site.log), post("/logs/{number}", site.change_log),
+        post("/logs/{number}/rows", site.save_log), get("/result/{name}", site.result),
+        get("/what-if/{name}", site.what_if), post("/what-if/{name}", site.bands),
         get("/files/{name}/{file}", site.file), get("/static/report.css", style),
         Mount("/static", StaticFiles(directory=HERE / "static")),
     ]  # fmt: skip

@@ -175,8 +175,7 @@ class Draft:
 
     def fill(self, form: Form) -> None:
         """Take what a form holds into the tables; what it does not show stays as it is."""
-        for field in fields(""):
-            _put(self.content, field.key, field.value(form.get(field.key, "")))
+        _put_all(self.content, "", "", form)
         for key in ("model", "drive"):
             if form.get(key) not in (None, KEPT):
                 self.content[key] = form[key]
@@ -192,8 +191,7 @@ class Draft:
 
     def _fill(self, table: str, form: Form) -> None:
         tables = self.content.setdefault(table, {})
-        for field in fields(table):
-            _put(tables, field.key, field.value(form.get(f"{table}/{field.key}", "")))
+        _put_all(tables, table, f"{table}/", form)
         if not tables:
             del self.content[table]
 
@@ -272,8 +270,7 @@ class Draft:
             if form.get(f"soil_tests/{name}/remove") == "true":
                 del tests[name]
             elif f"soil_tests/{name}/test" in form and isinstance(table, dict):
-                for field in fields("soil_tests"):
-                    _put(table, field.key, field.value(form.get(f"soil_tests/{name}/{field.key}", "")))
+                _put_all(table, "soil_tests", f"soil_tests/{name}/", form)
         if not tests:
             self.content.pop("soil_tests", None)
 
@@ -377,6 +374,13 @@ def _is_plain(stated: object, keys: tuple[str, ...], dist: str) -> bool:
 def _estimated(channel: str) -> dict[str, Any]:
     scale, lower = TYPICAL[channel]
     return {"estimate": {"dist": "halfnorm", "scale": scale, "lower": lower}}
+
+
+def _put_all(table: dict[str, Any], of: str, prefix: str, form: Form) -> None:
+    """Take the fields of a table that a form holds."""
+    for field in fields(of):
+        if f"{prefix}{field.key}" in form:
+            _put(table, field.key, field.value(form[f"{prefix}{field.key}"]))
 
 
 def _put(table: dict[str, Any], key: str, value: Any) -> None:

@@ -175,6 +175,27 @@ class Folder:
         path.mkdir(parents=True)
         return path
 
+    def content(self, name: str) -> bytes:
+        """Content of a table in the folder."""
+        return read_bytes(self.inside(self.named(name)), MOST_TABLE)
+
+    def keep_upload(self, name: str, content: bytes) -> str:
+        """Keep a log that was sent; the number by which it is found."""
+        path = self.hidden / "logs" / secrets.token_hex(8)
+        self.inside(path.parent)
+        file = path / checked_entry(name)
+        path.mkdir(parents=True)
+        write_bytes(file, content)
+        return path.name
+
+    def upload(self, number: str) -> Path:
+        """A log that was sent; StudyError where there is none."""
+        path = self.hidden / "logs" / number
+        files = list(path.iterdir()) if re.fullmatch(r"[0-9a-f]{16}", number) and path.is_dir() else []
+        if len(files) != 1:
+            raise StudyError("this log is not there any more: send it again")
+        return self.inside(files[0])
+
     def write_all(self, name: str, files: Mapping[str, bytes]) -> Path:
         """Write files into a new folder; StudyError where something has the name."""
         path = self.root / checked_entry(name)

@@ -132,13 +132,15 @@ def opened() -> Iterator[Page]:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         try:
-            yield Page(_connected(Path(profile) / "DevToolsActivePort"))
+            with connect(_address(Path(profile) / "DevToolsActivePort"), max_size=2**28, proxy=None) as connection:
+                yield Page(connection)
         finally:
             process.terminate()
             process.wait(20)
 
 
-def _connected(file: Path) -> ClientConnection:
+def _address(file: Path) -> str:
+    """Address of the first tab of a browser that is just starting."""
     until = time.monotonic() + SECONDS
     while not (file.exists() and file.read_text().count("\n")):
         assert time.monotonic() < until, "the browser did not start"
@@ -146,5 +148,4 @@ def _connected(file: Path) -> ClientConnection:
     port = file.read_text().split("\n")[0]
     with urlopen(f"http://127.0.0.1:{port}/json/list") as answer:
         tabs = json.load(answer)
-    address = next(tab["webSocketDebuggerUrl"] for tab in tabs if tab["type"] == "page")
-    return connect(address, max_size=2**28)
+    return next(str(tab["webSocketDebuggerUrl"]) for tab in tabs if tab["type"] == "page")

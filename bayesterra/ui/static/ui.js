@@ -29,3 +29,39 @@ document.addEventListener("click", event => {
     HTMLFormElement.prototype.submit.call(form);
   }
 });
+// Windows of a log: dragged in the middle they move, at an end only that end; their fields follow.
+let held = null;
+const seconds = event => {
+  const svg = held.rect.ownerSVGElement, { from, to, left, right, width } = svg.dataset;
+  const box = svg.getBoundingClientRect(), x = (event.clientX - box.left) * width / box.width;
+  return Number(from) + (x - left) / (width - left - right) * (to - from);
+};
+document.addEventListener("pointerdown", event => {
+  const rect = event.target.closest("[data-window]");
+  if (!rect) return;
+  const fields = ["start", "end"].map(end => document.getElementsByName(`window/${rect.dataset.window}/${end}`)[0]);
+  held = { rect, fields, ends: fields.map(field => Number(field.value)), pointer: event.pointerId };
+  held.at = seconds(event);
+  const edge = (held.ends[1] - held.ends[0]) * 0.2;
+  held.moves = [held.at < held.ends[1] - edge, held.at > held.ends[0] + edge];
+  event.preventDefault();
+});
+document.addEventListener("pointermove", event => {
+  if (!held || event.pointerId !== held.pointer) return;
+  const by = seconds(event) - held.at, { from, to, left, right, width } = held.rect.ownerSVGElement.dataset;
+  const place = held.ends.map((end, i) => Math.min(Math.max(end + (held.moves[i] ? by : 0), from), to));
+  if (place[0] >= place[1]) return;
+  const across = place.map(time => Number(left) + (time - from) / (to - from) * (width - left - right));
+  for (const rect of document.querySelectorAll(`[data-window="${held.rect.dataset.window}"]`)) {
+    rect.setAttribute("x", across[0]);
+    rect.setAttribute("width", across[1] - across[0]);
+    rect.classList.add("moved");
+  }
+  held.fields.forEach((field, i) => { field.value = place[i].toFixed(3); });
+});
+document.addEventListener("pointerup", () => {
+  if (!held) return;
+  const { form } = held.fields[0];
+  held = null;
+  htmx.trigger(form, "moved");
+});
