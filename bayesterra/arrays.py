@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,12 @@ def frozen(values: ArrayLike, dtype: Any = np.float64) -> NDArray[Any]:
 def spaced(draws: FloatArray, most: int) -> FloatArray:
     """At most this number of draws (n, ...), evenly spaced."""
     return draws[:: max(1, -(-len(draws) // most))]
+
+
+def in_parts(of: Callable[..., FloatArray], most: int, *columns: FloatArray) -> FloatArray:
+    """Values of a function of so many rows of some arrays at once at most, one after another."""
+    parts = [slice(first, first + most) for first in range(0, max(1, len(columns[0])), most)]
+    return np.concatenate([of(*(column[part] for column in columns)) for part in parts])
 
 
 def answered_quantiles(values: FloatArray, levels: Sequence[float]) -> FloatArray:

@@ -212,7 +212,8 @@ class Analysis:
         prior, draws = self.prior.x, self.kept.flat
 
         def structure_and_verdicts() -> tuple[structures.Structure, Identifiability]:
-            seen = structures.structure(self.posterior, prior[: structures.DRAWS])
+            few = structures.NUMBERS // max(1, len(self.study.observations))
+            seen = structures.structure(self.posterior, prior[: min(structures.DRAWS, max(structures.FEWEST, few))])
             laws = [self.study.prior.laws[name] for name in names]
             ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
             structural = np.isin(names, seen.determined)

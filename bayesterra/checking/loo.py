@@ -21,15 +21,15 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.likelihood.joint import JointPosterior
-from bayesterra.likelihood.likelihood import DOUBLES, Likelihood
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw, log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
-DRAWS, FEWEST_DRAWS = 4000, 1000
-"""Draws that are weighed; of tables of more than thousands of rows fewer."""
+DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 1000, 1e7
+"""Draws that are weighed, so many numbers of all readings at most."""
 START_DRAWS = 1024
 PIT_DRAWS = 1000
 FINAL_DRAWS = (8192, 32768)
@@ -137,7 +137,7 @@ def cross_validate(
     rests : by level, the likelihood of all other rows.
     few_rows : below this number of rows each is refitted, and no ``pit`` is computed.
     """
-    x = spaced(draws, min(DRAWS, max(FEWEST_DRAWS, int(DOUBLES / posterior.likelihood.measured.size))))
+    x = spaced(draws, min(DRAWS, max(FEWEST_DRAWS, int(NUMBERS / posterior.likelihood.measured.size))))
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
     density, more = log_rows[1], [level for level in rests if len(level) > 1]
     m, apart = density.shape[1], posterior.likelihood.rows_apart

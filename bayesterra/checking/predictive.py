@@ -35,7 +35,7 @@ GRID = 41
 FORCE = "normal_force"
 FEW_ROWS = 50
 """Rows up to which every draw is kept row by row."""
-FEWEST_DRAWS, MOST_DRAWS, VALUES = 400, 2000, 800_000
+FEWEST_DRAWS, MOST_DRAWS, VALUES = 250, 2000, 800_000
 """Draws kept of each of more rows: so many numbers in all, within these ends."""
 LEAST_TOLD = 1e-12
 """Precision, 1/N², of a load on which a row has no number."""

@@ -26,8 +26,8 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.sensitivities import has_own_sd, read_where, sensitivities, without_load
 from bayesterra.parameters import CHANNELS, MODULI, PARAMETERS, SIZES
 
-DRAWS = 300
-"""Draws of the cut prior that are plenty."""
+DRAWS, FEWEST, NUMBERS = 300, 30, 100_000
+"""Draws of the cut prior that are plenty; of tables of many rows so many numbers in all are, and the fewest draws."""
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ def fit(
     upper: Mapping[str, float] | None = None,
     delta: float | None = None,
     solvers: Sequence[str] | None = None,
+    known: Mapping[str, Fit] | None = None,
 ) -> dict[str, Fit]:
     """Identify the soil by least squares.
 
@@ -49,6 +50,7 @@ def fit(
     solvers : of IM1, IM2 and IM3: ``converged``, ``lsqcurvefit`` (an emulation of the paper's, to be compared
         with) or both; joint always converges. Where both are asked for, a fit by the latter is named after
         both, as in ``IM1 lsqcurvefit``.
+    known : fits of the same study with the same settings, by name, which joint starts from.
 
     ``hold`` to ``delta`` are SI and radians, and replace the table of that name in the study where given.
 
@@ -73,7 +75,7 @@ def fit(
     fits: dict[str, Fit] = {}
     for method in sorted(methods, key=METHODS.index):
         if method == "joint":
-            fits[method] = _fit_joint(method, study, overrides, fits)
+            fits[method] = _fit_joint(method, study, overrides, {**(known or {}), **fits})
             continue
         for solver in solvers:
             found = _fit_groups(method, study, replace(overrides, solver=solver))
@@ -100,7 +102,7 @@ def fit_all(study: Study) -> tuple[dict[str, Fit], tuple[str, ...]]:
     refused = []
     for method in _known_methods(study):
         try:
-            fits |= {found.name: found for found in fit(study, (method,)).values()}
+            fits |= {found.name: found for found in fit(study, (method,), known=fits).values()}
         except (StudyError, SupportError) as error:
             refused.append(str(error))
     return fits, tuple(refused)

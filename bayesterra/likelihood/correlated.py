@@ -25,12 +25,14 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.likelihood.condition_errors import Loads, slip_slopes
 from bayesterra.likelihood.covariance import Drawn, Layout, TableLaw, Whitening, stacks
 from bayesterra.likelihood.forward import Forward, Outcomes
-from bayesterra.likelihood.likelihood import DOUBLES, Likelihood
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.model_errors import ModelErrors, Ripple
 
 HUGE = 1e100
 """Modelled values beyond this (in SI units) are as impossible as none."""
+DOUBLES = 2e7
+"""Numbers that the matrices of parameter sets worked on at once may take."""
 NEAR = 2.0
 """Standard deviations of a slip from a transition slip within which errors of slip are no straight line."""
 OFF = 0.2

@@ -22,7 +22,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen, in_parts
 from bayesterra.likelihood import load_integral as sums
 from bayesterra.likelihood import load_integrand as lv
 from bayesterra.likelihood.covariance import TableLaw
@@ -36,7 +36,7 @@ from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
-DOUBLES = 2e7
+DOUBLES = 3e6
 """Numbers that what is worked on at once may take."""
 
 
@@ -85,8 +85,7 @@ class Likelihood:
     def log_likelihood(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n,) of soil arrays (n, p); −inf where the model has no answer."""
         if len(soil) > (most := self.at_once):
-            parts = [slice(first, first + most) for first in range(0, len(soil), most)]
-            return np.concatenate([self.log_likelihood(soil[part], noise_values[part]) for part in parts])
+            return in_parts(self.log_likelihood, most, soil, noise_values)
         nodes, squares = self.forward.nodes, self._own_squares
         if nodes is None or squares is None:
             return self.log_density(self.forward(soil), noise_values)
@@ -134,7 +133,7 @@ class Likelihood:
 
         Rows are independent here, so the one is the sum of the other; correlated readings are not.
         """
-        rows = self.log_terms(soil, noise_values).sum(axis=2)
+        rows = in_parts(lambda *part: self.log_terms(*part).sum(axis=2), self.at_once, soil, noise_values)
         return np.asarray(rows.sum(axis=1)), np.asarray(rows)
 
     @property

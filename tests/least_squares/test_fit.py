@@ -2,14 +2,16 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 from bayesterra.errors import StudyError
+from bayesterra.least_squares import fit as fits_of
 from bayesterra.least_squares.fit import fit, fit_all
-from bayesterra.least_squares.results import METHODS
+from bayesterra.least_squares.results import METHODS, Fit
 from bayesterra.models import Soil
 from bayesterra.study.study import Study, load_study
 
@@ -208,3 +210,18 @@ def test_hit_wh32_with_the_modulus_held() -> None:
         expected = (2.5e6, n0, n1, c, np.radians(phi), 1e-3 * K, c1, c2, 0.0)
         assert found.converged
         assert found.soil.as_array() == pytest.approx(expected, rel=2e-3, abs=1e-3)
+
+
+def test_fits_that_joint_starts_from_are_made_once(study: Study, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends where it ends when it makes them itself, to the last bit."""
+    alone, made, fit_groups = fit(study, ("joint",))["joint"], list[str](), fits_of._fit_groups
+
+    def counted(method: str, *rest: Any) -> Fit:
+        made.append(method)
+        return fit_groups(method, *rest)
+
+    monkeypatch.setattr(fits_of, "_fit_groups", counted)
+    fits, refused = fit_all(study)
+    assert refused == ()
+    assert made == ["IM1", "IM2", "IM3"]
+    assert fits["joint"].values() == alone.values()
