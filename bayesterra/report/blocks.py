@@ -6,10 +6,11 @@ from base64 import b64encode
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
 
-import pandas as pd
 from markupsafe import Markup
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from bayesterra.report.figures import Drawn
 
 Cell: TypeAlias = str | Markup

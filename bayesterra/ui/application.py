@@ -29,7 +29,7 @@ from bayesterra.report.sections import render
 from bayesterra.report.verdicts import SIGNS
 from bayesterra.ui.folder import Entry, Folder, checked_entry
 from bayesterra.ui.guard import MOST_BODY, REPORT_POLICY, Address, Guard
-from bayesterra.ui.jobs import RUNNING, WAITING, Job, Queue
+from bayesterra.ui.jobs import RUNNING, Job, Queue
 
 if TYPE_CHECKING:
     from bayesterra.study.study import Study
@@ -97,15 +97,23 @@ class Site:
 
     async def jobs(self, request: Request) -> Response:
         """The queue, and how far each job is."""
+        return self.part("jobs.html", jobs=self._jobs(), seen=self.queue.states)
+
+    async def progress(self, request: Request) -> Response:
+        """How far jobs at work are, in their places in the list; word where the list itself has changed."""
+        answer = self.part("progress.html", jobs=self._jobs())
+        if request.query_params.get("seen") != self.queue.states:
+            answer.headers["HX-Trigger"] = "jobs-changed"
+        return answer
+
+    def _jobs(self) -> list[SimpleNamespace]:
         queue = self.queue
-        jobs = [
+        return [
             SimpleNamespace(
                 job=job, progress=queue.progress(job) if job.state == RUNNING else None, saved=queue.saved(job)
             )
             for job in reversed(queue.jobs)
-        ]
-        busy = any(job.state in (RUNNING, WAITING) for job in queue.jobs)
-        return self.part("jobs.html", jobs=jobs, busy=busy)
+        ]  # fmt: skip
 
     async def add_job(self, request: Request) -> Response:
         """Put a run, a comparison or a design into the queue."""
@@ -145,16 +153,16 @@ class Site:
 
     async def begin(self, request: Request) -> Response:
         """Take a table, and show the form of the study that it belongs to."""
-        _, uploads = await received(request)
+        form, uploads = await received(request)
         upload = one_file(uploads)
-        number = await run_in_threadpool(self._begin, upload)
+        number = await run_in_threadpool(self._begin, upload, form.get("kind", "wheel"))
         return RedirectResponse(f"/draft/{number}", 303)
 
-    def _begin(self, upload: Upload) -> str:
+    def _begin(self, upload: Upload, kind: str = "wheel") -> str:
         from bayesterra.ui.draft import Draft
 
         folder = self.folder.begin_draft()
-        Draft.begun(folder, upload.name, upload.content)
+        Draft.begun(folder, upload.name, upload.content, kind)
         return folder.name
 
     async def copy(self, request: Request) -> Response:
@@ -500,7 +508,8 @@ def application(folder: Folder, address: Address, most: int = MOST_BODY) -> tupl
         return Route(path, answer, methods=["POST"])
 
     routes = [
-        get("/", site.home), get("/lists", site.lists), get("/jobs", site.jobs), post("/jobs", site.add_job),
+        get("/", site.home), get("/lists", site.lists), get("/jobs", site.jobs),
+        get("/progress", site.progress), post("/jobs", site.add_job),
         post("/jobs/{number}/{change}", site.change_job), post("/tables", site.begin),
         get("/draft/{number}", site.draft), post("/draft/{number}", site.change_draft),
         get("/draft/{number}/check", site.check_draft), post("/draft/{number}/text", site.rewrite_draft),

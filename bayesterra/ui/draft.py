@@ -5,6 +5,7 @@ from __future__ import annotations
 import datetime
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from bayesterra.study.observations import read_table
 from bayesterra.study.own import OURS
 from bayesterra.study.priors import Entry
 from bayesterra.study.schema import read_toml
+from bayesterra.study.soil_tests import EXAMPLES
 from bayesterra.study.study import STUDY_FILE
 from bayesterra.study.units import known_column
 from bayesterra.ui.fields import fields
@@ -45,6 +47,8 @@ TYPICAL = {
     "resistance_moment": ("0.3 N m", "0.03 N m"),
 }  # fmt: skip
 """Scale and lower end of an estimated noise, as in the template of ``bayesterra init``."""
+TESTED: Mapping[str, tuple[str, ...]] = {"plate": ("kc", "kphi", "n"), "shear": ("c", "phi", "K")}
+"""Parameters that soil tests read."""
 ROLES = ("shared", "separate", "hierarchical")
 GROUPINGS = ("wheel", "site", "run")
 KEPT = "as in the text"
@@ -64,26 +68,22 @@ class Draft:
         return cls(folder, _plain(read_toml(folder / STUDY_FILE)))
 
     @classmethod
-    def begun(cls, folder: Path, file: str, table: bytes) -> Draft:
-        """A draft from a table of measurements, with a wheel for each that the table names."""
+    def begun(cls, folder: Path, file: str, table: bytes, kind: str = "wheel") -> Draft:
+        """A draft from a table: of wheel tests with a wheel for each that it names, else of plate or shear tests."""
         name = checked_entry(file)
+        draft = cls(folder, {"title": Path(name).stem})
+        if kind != "wheel":
+            draft.attach(name, table, kind)
+            return draft
         write_bytes(folder / name, table)
-        read = read_table(folder / name)
-        columns: dict[str, str] = {}
-        for header in map(str, read.columns):
-            columns.setdefault(known_column(header, (*CHANNELS, "wheel"))[0], header)
-        named = list(dict.fromkeys(map(str, read[columns["wheel"]]))) if "wheel" in columns else []
-        wheels: dict[str, Any] = {each: {} for each in named[:40] if each} or {"Wheel1": {}}
-        noise = {
-            channel: _estimated(channel) for channel in OUTCOMES if channel in columns and channel != "normal_force"
-        }
-        if "normal_force" in columns and "load" in columns and not noise:
+        columns, wheels = _understood(folder / name)
+        noise = {channel: _estimated(channel) for channel in columns if channel in OUTCOMES[:1] + OUTCOMES[2:]}
+        if not noise and {"load", "normal_force"} <= set(columns):
             noise = {"normal_force": _estimated("normal_force")}
-        draft = cls(folder, {
-            "title": Path(name).stem, "model": "M1", "drive": "load",
-            "data": {"file": name, "slip_reference": "shearing"}, "wheels": wheels, "noise": noise,
-            "priors": {"set": SETS[0]},
-        })  # fmt: skip
+        draft.content |= {
+            "model": "M1", "drive": "load", "data": {"file": name, "slip_reference": "shearing"},
+            "wheels": {each: {} for each in wheels}, "noise": noise, "priors": {"set": SETS[0]},
+        }  # fmt: skip
         draft.save()
         return draft
 
@@ -157,21 +157,18 @@ class Draft:
         while (called := series if number == 1 else f"{series}{number}") in tests:
             number += 1
         tests[called] = {"test": kind, "file": file}
-        if kind == "plate":
+        names = TESTED[kind]
+        if kind == "plate" and "data" in self.content:  # the wheel's exponent at zero slip is that of the plates
             tests[called]["tie"] = {"n": "n0"}
-            self.content.setdefault("priors", {}).update(self._moduli())
+            names = names[:2]
+        elif "data" in self.content:
+            names = ()  # the wheel has laws of c, phi and K
+        priors = self.content.setdefault("priors", {})
+        if names and "data" in self.content:
+            priors.pop("Ks", None)
+        priors |= {name: tomllib.loads(f"law = {EXAMPLES[name]}")["law"] for name in names if name not in priors}
         tests[called]["noise"] = {"scatter": {"dist": "halfnorm", "scale": 0.5, "lower": 0.005}}
         self.save()
-
-    def _moduli(self) -> dict[str, Any]:
-        """Laws of k_c and k_φ, which plates read, where the study has none."""
-        priors = self.content.get("priors", {})
-        laws = {
-            "kc": {"dist": "uniform", "lower": "-50 kPa m", "upper": "100 kPa m"},
-            "kphi": {"dist": "uniform", "lower": "100 kPa", "upper": "20000 kPa"},
-        }
-        priors.pop("Ks", None)
-        return {name: law for name, law in laws.items() if name not in priors}
 
     def fill(self, form: Form) -> None:
         """Take what a form holds into the tables; what it does not show stays as it is."""
@@ -283,7 +280,8 @@ class Draft:
     def parameters(self) -> tuple[str, ...]:
         """Parameters of the soil that have a prior in the form, in the package's order."""
         model, priors = self.content.get("model", "M1"), self._table("priors")
-        names = list(MODELS[model].parameters) if isinstance(model, str) and model in MODELS else []
+        driven = isinstance(model, str) and model in MODELS and "data" in self.content
+        names = list(MODELS[model].parameters) if driven else []
         if "kc" in priors or "kphi" in priors:
             names = [each for name in names for each in (("kc", "kphi") if name == "Ks" else (name,))]
         own = [name for name in priors if name in PARAMETERS and name not in names]
@@ -361,6 +359,21 @@ class Draft:
         """Role of a parameter among groups."""
         pooling = self._table("pooling")
         return next((role for role in ROLES if name in (pooling.get(role) or ())), ROLES[0])
+
+
+def _understood(path: Path) -> tuple[list[str], list[str]]:
+    """Channels and wheels that a table names; the usual ones where the form has to say first how it is to be read."""
+    try:
+        read = read_table(path)
+    except StudyError as error:
+        if "sheet" not in str(error) and "decimal" not in str(error):
+            raise
+        return list(CHANNELS), ["Wheel1"]
+    columns: dict[str, str] = {}
+    for header in map(str, read.columns):
+        columns.setdefault(known_column(header, (*CHANNELS, "wheel"))[0], header)
+    named = list(dict.fromkeys(map(str, read[columns["wheel"]]))) if "wheel" in columns else []
+    return list(columns), [name for name in named[:40] if name] or ["Wheel1"]
 
 
 def _texts(table: str, content: Mapping[str, Any]) -> dict[str, str]:

@@ -14,6 +14,7 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from bayesterra.errors import BayesterraError, StudyError, in_short, printable
 from bayesterra.runtime.folders import part_of
@@ -96,6 +97,11 @@ class Queue:
         """All jobs, in the order in which they came."""
         return tuple(self._jobs)
 
+    @property
+    def states(self) -> str:
+        """Digest of the list, by which a page knows that it is the one it shows."""
+        return f"{crc32(repr([(job.number, job.state) for job in self._jobs]).encode()):08x}"
+
     def add(self, job: Job) -> None:
         """Put a job at the end of the queue."""
         self._jobs.append(job)
@@ -177,7 +183,7 @@ class Queue:
         )  # fmt: skip
         _, errors = await self._process.communicate()
         code, self._process = self._process.returncode, None
-        if self._ending or self._state(job.number) == STOPPED:
+        if self._ending or self._state(job.number) != RUNNING:  # stopped meanwhile, perhaps to go on again
             return None
         if code in (0, NOT_CONVERGED):
             return self._end(job.number, DONE)

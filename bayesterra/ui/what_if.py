@@ -23,7 +23,7 @@ from bayesterra.ui.drawing import Panel, ends
 from bayesterra.ui.picture import with_readings
 
 DRAWS = 1000
-CURVE = np.linspace(0.0, 0.8, 17)
+CURVE = np.linspace(0.0, 0.8, 13)
 MOST_SLIP, STEEPEST, ALIKE = 0.8, 30.0, 0.05
 """Ends of the sliders; share of the load by which readings of another load stand back."""
 CALLED = {"sinkage": "sinkage", "drawbar_pull": "pull", "resistance_moment": "moment"}

@@ -76,7 +76,8 @@ class Page:
         raise AssertionError((code, self.run("document.body.innerText")[:3000]))
 
     def click(self, selector: str) -> None:
-        """Click with the mouse at the middle of an element."""
+        """Click with the mouse at the middle of an element, once it is there."""
+        self.wait(f"document.readyState == 'complete' && document.querySelector({selector!r})")
         self.run(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center'}})")
         middle = f"(r => [r.x + r.width / 2, r.y + r.height / 2])(document.querySelector({selector!r})"
         box = self.run(f"{middle}.getBoundingClientRect())")

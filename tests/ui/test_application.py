@@ -16,6 +16,7 @@ from http.cookiejar import CookieJar
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -100,6 +101,27 @@ def test_soil_tests_join_a_study(client: Client, folder: Path) -> None:
     assert "The study is understood" in answer.text, told(answer.text)[:500]
     assert client.post(f"{draft}/save", {"name": "with plates"}).status == 303
     assert list(load_study(folder / "with plates").soil_tests) == ["plates"]
+
+
+@pytest.mark.parametrize("kind", ["plate", "shear"])
+def test_soil_tests_alone_are_a_study(client: Client, folder: Path, kind: str) -> None:
+    """With the laws that a mistake in a study file would be told."""
+    plates = "test,plate_diameter [mm],sinkage [mm],pressure [kPa]\np,100,5,10\np,100,10,19\nq,200,5,9\nq,200,10,16\n"
+    rings = "test,normal_stress [kPa],displacement [mm],shear_stress [kPa]\na,5,2,1\na,5,9,2\nb,9,2,2\nb,9,9,4\n"
+    answer = client.upload("/tables", "t.csv", (plates if kind == "plate" else rings).encode(), {"kind": kind})
+    assert "The study is understood" in client.get(f"{answer.location}/check").text
+    assert client.post(f"{answer.location}/save", {"name": "alone"}).status == 303
+    assert not load_study(folder / "alone").wheels
+
+
+def test_a_workbook_is_asked_for_its_sheet(client: Client, tmp_path: Path) -> None:
+    """What a table leaves open is asked for in the form."""
+    with pd.ExcelWriter(tmp_path / "x.xlsx") as book:
+        for name in ("one", "two"):
+            pd.read_csv(HIT / "measurements.csv").to_excel(book, sheet_name=name, index=False)
+    draft = client.draft((tmp_path / "x.xlsx").read_bytes(), "x.xlsx")
+    assert "sheet" in told(client.get(f"{draft}/check").text)
+    assert "The study is understood" in client.post(draft, {**FORM, "data/sheet": "two"}).text
 
 
 def test_the_prior_predicts_before_any_run(client: Client) -> None:
@@ -270,6 +292,9 @@ def test_the_whole_path_in_a_browser_and_a_run_that_was_killed(tmp_path: Path) -
         until = time.monotonic() + 300
         while not list((folder / "driven-result.part").rglob("*.segment")) and time.monotonic() < until:
             time.sleep(0.2)
+        page.wait("Number(document.querySelector('#jobs progress')?.value) > 0")
+        page.click("#jobs button[aria-label^=Stop]")
+        page.click("#jobs button[aria-label^=Go]")
         page.wait("Number(document.querySelector('#jobs progress')?.value) > 0")
         assert page.errors == []
         child = json.loads((folder / "driven-result.part" / "status.json").read_text())["pid"]
