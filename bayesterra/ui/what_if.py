@@ -23,7 +23,7 @@ from bayesterra.ui.drawing import Panel, ends
 from bayesterra.ui.picture import with_readings
 
 DRAWS = 1000
-CURVE = np.linspace(0.0, 0.8, 13)
+CURVE = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
 MOST_SLIP, STEEPEST, ALIKE = 0.8, 30.0, 0.05
 """Ends of the sliders; share of the load by which readings of another load stand back."""
 CALLED = {"sinkage": "sinkage", "drawbar_pull": "pull", "resistance_moment": "moment"}

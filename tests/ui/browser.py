@@ -133,7 +133,9 @@ def opened() -> Iterator[Page]:
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
         try:
-            with connect(_address(Path(profile) / "DevToolsActivePort"), max_size=2**28, proxy=None) as connection:
+            with connect(
+                _address(Path(profile) / "DevToolsActivePort"), max_size=2**28, ping_interval=None, proxy=None
+            ) as connection:
                 yield Page(connection)
         finally:
             process.terminate()
