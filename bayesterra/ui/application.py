@@ -27,7 +27,7 @@ from starlette.staticfiles import StaticFiles
 from bayesterra.errors import BayesterraError, StudyError, in_short, printable
 from bayesterra.report.sections import render
 from bayesterra.report.verdicts import SIGNS
-from bayesterra.ui.folder import Entry, Folder, checked_entry
+from bayesterra.ui.folder import SAVED, Entry, Folder, checked_entry, write_record
 from bayesterra.ui.guard import MOST_BODY, REPORT_POLICY, Address, Guard
 from bayesterra.ui.jobs import RUNNING, Job, Queue
 
@@ -92,8 +92,13 @@ class Site:
 
     async def lists(self, request: Request) -> Response:
         """Studies and results in the folder."""
-        studies, results = await run_in_threadpool(lambda: (self.folder.studies(), self.folder.results()))
-        return self.part("lists.html", studies=studies, results=[shown_result(entry) for entry in results])
+        folder = self.folder
+        studies, results, drafts = await run_in_threadpool(
+            lambda: (folder.studies(), folder.results(), folder.drafts())
+        )
+        return self.part(
+            "lists.html", studies=studies, drafts=drafts, results=[shown_result(entry) for entry in results]
+        )
 
     async def jobs(self, request: Request) -> Response:
         """The queue, and how far each job is."""
@@ -271,6 +276,7 @@ class Site:
         loaded(self.folder, draft.folder)  # a study that cannot be read is not saved
         name = checked_entry(form.get("name", ""))
         self.folder.write_all(name, draft.files())
+        write_record(draft.folder / SAVED, f"{name}\n")
         return name
 
     async def study(self, request: Request) -> Response:

@@ -26,6 +26,9 @@ MARKS = {
     "calibration.json": ("calibration", "report.html"),
 }
 """Kind and page of finished folders, by the file that marks them."""
+SAVED = "saved"
+"""File in the folder of a draft that was saved."""
+MOST_DRAFTS = 6
 LONGEST_NAME = 80
 MOST_SHOWN = 400
 
@@ -167,6 +170,14 @@ class Folder:
             raise StudyError("this draft is not there any more: begin with the table again")
         self.inside(path)
         return path
+
+    def drafts(self) -> list[Entry]:
+        """Drafts that were not saved yet, the latest first."""
+        place = self.hidden / "drafts"
+        found = [self.draft(name) for name in os.listdir(place)] if place.is_dir() else []
+        open_ = [path for path in found if not (path / SAVED).exists()]
+        latest = sorted(open_, key=lambda path: -path.stat().st_mtime)[:MOST_DRAFTS]
+        return [Entry(path.name, "draft", _title(path)) for path in latest]
 
     def begin_draft(self) -> Path:
         """A new, empty folder for a draft."""

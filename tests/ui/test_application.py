@@ -51,7 +51,9 @@ def test_a_table_becomes_a_study_that_the_command_line_opens(client: Client, fol
     assert "The study is understood" in answer.text
     assert answer.text.count('<svg class="panel"') == 3
     assert "row 6, Wh32: 27 mm at slip 0.6" in answer.text
+    assert draft in client.get("/lists").text
     assert client.post(f"{draft}/save", {"name": "mine"}).location == "/study/mine"
+    assert draft not in client.get("/lists").text
     study = load_study(folder / "mine")
     assert study.sampling.target_ess == 500
     assert study.noise["sinkage"].sd == pytest.approx(1e-3)
