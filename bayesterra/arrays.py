@@ -25,7 +25,7 @@ def spaced(draws: FloatArray, most: int) -> FloatArray:
     return draws[:: max(1, -(-len(draws) // most))]
 
 
-def in_parts(of: Callable[..., FloatArray], most: int, *columns: FloatArray) -> FloatArray:
+def in_parts(of: Callable[..., NDArray[Any]], most: int, *columns: FloatArray) -> NDArray[Any]:
     """Values of a function of so many rows of some arrays at once at most, one after another."""
     parts = [slice(first, first + most) for first in range(0, max(1, len(columns[0])), most)]
     return np.concatenate([of(*(column[part] for column in columns)) for part in parts])

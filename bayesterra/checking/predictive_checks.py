@@ -123,6 +123,8 @@ CONFLICT = 0.01
 """Overall p below which the readings contradict the prior."""
 JUDGED_DRAWS = 1000
 MORE = 2
+FEWEST, NUMBERS = 200, 1_000_000
+"""Draws or residuals of each of many rows: so many numbers in all, and the fewest."""
 REFERENCE = 2000
 """Residuals of replicated readings that a statistic is compared with."""
 
@@ -192,7 +194,7 @@ class _Judge:
         z = (y - mean) / scale
         pairs = zip(self.of_residuals, self._ordered, strict=True)
         shares = [exceedance(statistic.value(z, self.slip), ordered).mean() for statistic, ordered in pairs]
-        turns = (7 * np.arange(len(mean))[:, None] + np.arange(10)) % len(self.unit)
+        turns = (7 * np.arange(len(mean))[:, None] + np.arange(min(10, 1 + 5000 // len(y)))) % len(self.unit)
         largest = LARGEST.value(mean[:, None] + scale[:, None] * self.unit[turns], self.slip)
         return np.array([*shares, np.mean(largest > y.max())])
 
@@ -212,7 +214,7 @@ def predictive_checks(
     own, replicating, again = seed.spawn(3)
     rng, options = default_rng(own), options or ReplicateOptions()
     judges = _judges(posterior, rng, parts or {})
-    x = spaced(draws, JUDGED_DRAWS)
+    x = spaced(draws, _of_rows(JUDGED_DRAWS, posterior))
     explained = Modelled.of(posterior, x, posterior.explained(x, rng))
     observed = _p_values(judges, posterior.likelihood.measured, explained)
 
@@ -239,7 +241,7 @@ def uncalibrated_checks(
     There are no replicates: p values stand as they are, which is conservative, and the least of them times their
     number is the ``overall`` one. ``parts`` as for :func:`predictive_checks`.
     """
-    judges, x = _judges(posterior, rng, parts), spaced(draws, JUDGED_DRAWS)
+    judges, x = _judges(posterior, rng, parts), spaced(draws, _of_rows(JUDGED_DRAWS, posterior))
     explained = Modelled.of(posterior, x, posterior.explained(x, rng))
     names = [(judge.channel, statistic) for judge in judges for statistic in judge.statistics]
     checks = [
@@ -252,13 +254,18 @@ def uncalibrated_checks(
     return PredictiveChecks(tuple(checks), min(1.0, len(checks) * checks[0].calibrated), 0, (0.0, 0.0))
 
 
+def _of_rows(most: int, posterior: Posterior) -> int:
+    """So many at most, fewer where rows are many."""
+    return min(most, max(FEWEST, NUMBERS // len(posterior.likelihood.observations)))
+
+
 def _judges(posterior: Posterior, rng: Generator, parts: Mapping[str, IntArray]) -> list[_Judge]:
     likelihood, judges = posterior.likelihood, []
     for column, noise in enumerate(likelihood.noise):
         rows = np.flatnonzero(~np.isnan(likelihood.measured[:, column]))
         slip = likelihood.observations.slip[rows]
         order = np.argsort(slip, kind="stable")
-        unit = noise.tails.draw((REFERENCE, len(rows)), rng)
+        unit = noise.tails.draw((_of_rows(REFERENCE, posterior), len(rows)), rng)
         own = {by: number[rows[order]] for by, number in parts.items()}
         own = {by: number for by, number in own.items() if len(np.unique(number)) > 1}
         judges.append(_Judge(noise.channel, column, rows[order], slip[order], unit, own))

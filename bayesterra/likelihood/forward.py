@@ -129,14 +129,6 @@ class Forward:
             values[~told], outcomes.status[~told] = rest.values, rest.status
         return outcomes
 
-    def status(self, soil: FloatArray) -> IntArray:
-        """Status (n,) of soil arrays (n, p), as of their outcomes."""
-        if self.nodes is None:
-            return self.exact(soil).status
-        told, status = self.at_nodes(self.nodes, soil)[1], np.zeros(len(soil), dtype=np.int64)
-        status[~told] = self.finer.status(soil[~told])
-        return status
-
     def exact(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
         """The same where the model is run at every row."""
         inputs = self.given - offset_of(soil) if self.drive.by_sinkage and self.as_read else self.given

@@ -74,7 +74,7 @@ class Likelihood:
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer."""
-        return self.forward.status(soil)
+        return in_parts(lambda part: self.forward(part).status, self.at_once, soil)
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log density (n, m, terms) of every row's readings; −inf where the model has no answer."""

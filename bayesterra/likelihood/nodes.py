@@ -18,10 +18,8 @@ from bayesterra.models import Conditions, ForwardModel
 
 FEWEST, MORE = 8, 20
 """Nodes of a piece: so many, and so many more for each unit of slip."""
-LAST = 3
-"""Coefficients at the end that must be small."""
-SMALL = 2e-9
-"""How small: as a share of the radius (sinkage), of the load (drawbar pull) or of both (moment)."""
+LAST, SMALL = 3, 2e-9
+"""Coefficients at the end that must be small; as a share of radius (sinkage), load (drawbar pull) or both (moment)."""
 
 
 @dataclass(frozen=True)
@@ -48,8 +46,8 @@ class Nodes:
         if len(load) <= FEWEST * len(kinds):
             return None
         mine = [np.flatnonzero(kind.ravel() == i) for i in range(len(kinds))]
-        bends = model.bends(rows)
-        parts = [_interpolation(rows.slip[own], bends[at], times) for own, at in zip(mine, first, strict=True)]
+        ends = zip(mine, model.bends(rows)[first], strict=True)
+        parts = [_interpolation(rows.slip[own], bends, times) for own, bends in ends]
         if not any(tails.size for _, _, tails in parts):
             return None
         at = np.repeat(first, [len(slip) for slip, _, _ in parts])
@@ -57,8 +55,8 @@ class Nodes:
         sizes = [np.outer((rows.radius[i], load[i], load[i] * rows.radius[i]), np.ones(tails.shape[1]))
                  for i, (_, _, tails) in zip(first, parts, strict=True)]  # fmt: skip
         spread = block_diag(*(part[1] for part in parts))[:, np.argsort(np.concatenate(mine))]
-        tails = block_diag(*(part[2] for part in parts))
-        return cls(Conditions(**columns), load[at], np.ascontiguousarray(spread), tails, np.hstack(sizes))
+        tails, conditions = block_diag(*(part[2] for part in parts)), Conditions(**columns)
+        return cls(conditions, load[at], np.ascontiguousarray(spread), tails, np.hstack(sizes))
 
     def tell(self, values: FloatArray) -> BoolArray:
         """True (n,) where outcomes (n, k, 3) of the nodes, NaN without an answer, tell all rows."""

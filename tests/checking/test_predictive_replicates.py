@@ -10,9 +10,12 @@ import pytest
 from numpy.random import SeedSequence, default_rng
 
 from bayesterra.arrays import FloatArray
+from bayesterra.checking import predictive
 from bayesterra.checking.predictive import Modelled, Replicate, ReplicateOptions, replicates
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.sampling.evidence import PosteriorProposal
 from bayesterra.stats.laws import Law
+from bayesterra.stats.mixture import normalised
 from bayesterra.study.noise import Noise
 from bayesterra.study.study import Study
 
@@ -48,6 +51,26 @@ def test_arithmetic_likelihood_is_the_likelihood(drive: str, make_study: MakeStu
     exact = with_readings(density, readings).log_terms(x).sum(axis=(1, 2))
     found = modelled.log_likelihood(density.likelihood, readings)
     np.testing.assert_allclose(found - found[0], exact - exact[0], rtol=1e-12, atol=1e-8)
+
+
+def test_many_rows_are_weighed_by_their_nodes(make_study: MakeStudy, make_table: MakeTable) -> None:
+    """As by every row, of another table too, some readings missing; what chosen sets say is said of every row."""
+    table = make_table(slips=tuple(np.linspace(0.05, 0.55, 150)))
+    density, rng = posterior(make_study(data=table, free=("c", "phi"))), default_rng(3)
+    x = draw_cut_prior(density, 4000, rng).x
+    x = x[np.argsort(-density.log_density(x))[:300]]
+    near, likelihood = PosteriorProposal.of(density, x), density.likelihood
+    pool = predictive._Pool.of(near, near.mixture(rng), 300, rng)
+    assert pool.modelled is None
+    modelled = Modelled.of(density, pool.sets.x, density.explained(pool.sets.x, rng))
+    other = modelled.mean[5] + 0.5 * modelled.scale[0] * rng.standard_normal(likelihood.measured.shape)
+    other[3:9, 1] = np.nan
+    for readings in (likelihood.measured, other):
+        expected = normalised(pool.sets.log_base + modelled.log_likelihood(likelihood, readings))
+        np.testing.assert_allclose(pool.weights(likelihood, readings), expected, rtol=1e-4, atol=1e-12)
+    chosen = np.array([4, 4, 9])
+    np.testing.assert_allclose(pool.take(chosen).mean, modelled.mean[chosen], rtol=1e-7)
+    np.testing.assert_allclose(pool.explained(chosen)["sinkage"], modelled.mean[chosen][:, :, 0], rtol=1e-7)
 
 
 @pytest.fixture(scope="module")

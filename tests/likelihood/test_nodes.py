@@ -9,7 +9,9 @@ from paper_wheels import WHEELS
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
+from bayesterra.likelihood.forward import Forward
 from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.nodes import Nodes
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import ForwardModel
 from bayesterra.parameters import columns_of
@@ -66,7 +68,7 @@ def test_rows_told_by_nodes_are_those_of_the_model(model: str) -> None:
         np.testing.assert_array_equal(np.isnan(fast.values), np.isnan(exact.values))
         assert np.nanmax(np.abs((fast.values - exact.values) / SIZES)) < 1e-7
         assert np.isfinite(fast.values[told]).all()
-    np.testing.assert_array_equal(forward.status(soil), exact.status)
+    np.testing.assert_array_equal(whole.likelihood.status(soil), exact.status)
     assert set(exact.status.tolist()) >= {0, 1}
 
 
@@ -161,3 +163,22 @@ def test_rows_alike_are_modelled_once(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_array_equal(found.values, values)
         np.testing.assert_array_equal(found.status, status.max(axis=1))
     assert run == [4, 4]
+
+
+def test_many_sets_are_worked_on_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Seven at a time as all at once."""
+    whole = target(table())
+    likelihood, (soil, sizes) = whole.likelihood, soils(whole, 20)
+    expected, rows = likelihood.log_likelihood(soil, sizes), likelihood.log_rows(soil, sizes)[1]
+    monkeypatch.setattr("bayesterra.likelihood.likelihood.DOUBLES", 7.5 * 3 * ROWS)
+    worked: list[int] = []
+    at_nodes = Forward.at_nodes
+
+    def counted(self: Forward, nodes: Nodes, soil: FloatArray) -> Any:
+        worked.append(len(soil))
+        return at_nodes(self, nodes, soil)
+
+    monkeypatch.setattr(Forward, "at_nodes", counted)
+    np.testing.assert_allclose(likelihood.log_likelihood(soil, sizes), expected, rtol=1e-10)
+    np.testing.assert_allclose(likelihood.log_rows(soil, sizes)[1], rows, rtol=1e-10, atol=1e-12)
+    assert max(worked) == 7
