@@ -36,6 +36,8 @@ STALE = 20.0
 PATIENCE = 30.0
 """Seconds that an interrupted command has to put its work down."""
 POLL = 1.0
+TAKEN = "is being written by another run"
+"""Words of a command whose folder another process holds."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +190,8 @@ class Queue:
         if code in (0, NOT_CONVERGED):
             return self._end(job.number, DONE)
         lines = errors.decode(errors="replace").strip().splitlines()
+        if any(TAKEN in line for line in lines):  # a process of a server before this one has just begun
+            return await asyncio.sleep(POLL)
         said = in_short(printable(lines[-1].removeprefix("error: ")), 600) if lines else f"it ended with code {code}"
         self._end(job.number, STOPPED if code in (INTERRUPTED, -signal.SIGINT) else FAILED, said)
         return None
