@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -107,7 +106,8 @@ def _standing(result: Result) -> Table:
         if name in whole:
             outside = standing["log_density"] is None
             level = NOTHING if outside else share(standing["credible_level"])
-            word = _standing_word(standing)
+            bounds = Markup("; at a bound: {}").format(symbols(at)) if (at := standing["at_bound"]) else Markup("")
+            word = Markup("{}{}").format(angles(standing["word"]) if outside else "inside the prior", bounds)
         own = [NOTHING] * (2 + len(channels))
         if fit is not None:
             misfits = (plain(fit["errors_percent"].get(channel), 2) for channel in channels)
@@ -117,26 +117,13 @@ def _standing(result: Result) -> Table:
     return say.table("standing", rows, more=heads)
 
 
-def _standing_word(standing: Mapping[str, Any]) -> Markup:
-    at = standing["at_bound"]
-    bounds = Markup("; at a bound: {}").format(symbols(at)) if at else Markup("")
-    outside = standing["log_density"] is None
-    return Markup("{}{}").format(angles(standing["word"]) if outside else "inside the prior", bounds)
-
-
 def prior_section(result: Result) -> Blocks:
     """Sensitivity to the prior and to the noise: how far they shape the result."""
     ends = listed(Markup("{} at the {} end").format(symbol(name), end) for name, end in bounded(result))
-    return (Text(say("prior", ends)), _widths(result), Text(say("prior_advice")), *_other_noise(result))
-
-
-def _widths(result: Result) -> Table:
-    rows = tuple(
-        (symbol(name), plain(row.sd_ratio, 2), signed(row.shift, 1))
-        for name, row in summary_rows(result).items()
-        if name in result.names
-    )
-    return say.table("widths", rows)
+    own = ((name, row) for name, row in summary_rows(result).items() if name in result.names)
+    rows = [(symbol(name), plain(row.sd_ratio, 2), signed(row.shift, 1)) for name, row in own]
+    advice = Text(say("prior_advice"))
+    return (Text(say("prior", ends)), say.table("widths", rows), advice, *_other_noise(result))
 
 
 def _other_noise(result: Result) -> Blocks:
@@ -200,13 +187,10 @@ def added_sections(result: Result) -> tuple[Section, ...]:
     if not names:
         return ()
     rows = {name: summary_rows(result)[name] for name in names}
-    blocks: tuple[Block, ...] = (
-        Text(_in_words(result, rows)),
-        *_disagreement(rows),
-        _parameters(result, rows),
-        *_correlations(result, names),
-    )
-    return (Section("added", "What the wheel adds", blocks),)
+    far = [name for name, row in rows.items() if abs(row.shift) > APART]
+    warning = [Text(say("disagreement", far, APART), "bad")] if far else []
+    words, table, pictures = _in_words(result, rows), _parameters(result, rows), _correlations(result, names)
+    return (Section("added", "What the wheel adds", (Text(words), *warning, table, *pictures)),)
 
 
 def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
@@ -231,12 +215,6 @@ def _total(result: Result) -> str:
     spread = float(np.sqrt(error**2 + evidence["error"] ** 2 + evidence["log_share_error"] ** 2)) / BIT
     value, off = with_error(gain, spread)
     return f"{value} ± {off} bit"
-
-
-def _disagreement(rows: dict[str, SummaryRow]) -> tuple[Text, ...]:
-    """A warning where a parameter moves far from its prior."""
-    far = [name for name, row in rows.items() if abs(row.shift) > APART]
-    return (Text(say("disagreement", far, APART), "bad"),) if far else ()
 
 
 def _parameters(result: Result, rows: dict[str, SummaryRow]) -> Table:

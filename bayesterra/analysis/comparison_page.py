@@ -386,7 +386,9 @@ def contrast(comparison: Comparison, name: str, ax: Axes | None = None) -> Axes:
     """
     ax = own_axes(ax, 6.0, 0.52 + 0.1 * len(comparison.names))
     free = {n: result for n, result in comparison.results.items() if name in result.names}
-    along = _common([axis(result, name) for result in free.values()])
+    axes = [axis(result, name) for result in free.values()]
+    low, high = min(along.low for along in axes), max(along.high for along in axes)
+    along = Axis(low, high, all(along.log for along in axes), axes[0].bounds)
     for lane, (result_name, result) in enumerate(comparison.results.items()):
         colour = COLOURS[lane]
         if result_name in free:
@@ -452,12 +454,6 @@ def _dots(ax: Axes, comparison: Comparison, quantity: str) -> None:
         values = rows.values[quantity][mine] / CHANNELS[quantity].scale
         ax.plot(rows.slip[mine], values, "o", color=DATA, markersize=4, zorder=6)
         shown.add(outcomes_of(result))
-
-
-def _common(axes: list[Axis]) -> Axis:
-    """The range that holds all ranges; logarithmic where all are."""
-    low, high = min(along.low for along in axes), max(along.high for along in axes)
-    return Axis(low, high, all(along.log for along in axes), axes[0].bounds)
 
 
 def _lane(ax: Axes, along: Axis, lane: int, values: FloatArray, ends: tuple[float, float], median: float) -> None:

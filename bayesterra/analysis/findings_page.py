@@ -188,7 +188,8 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
     row = identifiability_rows(result)[name]
     word = row.word
     if word == "moved":
-        return word, Markup("{}prior and data disagree").format(moved_by(row.shift))
+        by = f"by {signed(row.shift, 1)} prior sd: " if abs(row.shift) >= SHIFT else ""  # else the spread moved
+        return word, Markup("{}prior and data disagree").format(by)
     if word == "one-sided":
         return word, Markup("at its {} bound").format(row.bound)
     if word != "coupled":
@@ -196,8 +197,3 @@ def _words(result: Result, name: str) -> tuple[str, Markup]:
     alone = ", alone like its prior" if row.contraction < WEAK else ""
     partner = symbol(row.coupled_with) if row.coupled_with else Markup("several others")
     return word, Markup("with {}{}").format(partner, alone)
-
-
-def moved_by(shift: float) -> str:
-    """Shift of the mean, in words before others; nothing where it is not the mean that moved."""
-    return f"by {signed(shift, 1)} prior sd: " if abs(shift) >= SHIFT else ""

@@ -74,7 +74,10 @@ def true_values(study: Study, assigned: Mapping[str, float | str] | None = None,
         found = ((o, v.get(name, v.get(whole_and_part(name)[0]))) for o, v in sources.items())
         return next(((origin, value) for origin, value in found if value is not None), None)
 
-    sources["prior median"] = {} if all(map(source, wanted)) else _cut_prior_medians(study)
+    if not all(map(source, wanted)):
+        density = posterior(study)
+        middles = np.median(draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x, axis=0)
+        sources["prior median"] = dict(zip(density.names, middles.tolist(), strict=True))
     told = {name: both for name in wanted if (both := source(name))}
     origins = {name: origin for name, (origin, _) in told.items()}
     values = {name: value for name, (_, value) in told.items()}
@@ -107,12 +110,6 @@ def _from_populations(study: Study, stated: Mapping[str, float], own: Sequence[s
         if name.endswith("]") and len(ends) == 2:
             drawn[name] = float(draw_population(ends[0], ends[1], study.prior.laws[base].range, rng)[0])
     return drawn
-
-
-def _cut_prior_medians(study: Study) -> dict[str, float]:
-    density = posterior(study)
-    draws = draw_cut_prior(density, _PRIOR_DRAWS, np.random.default_rng(0)).x
-    return dict(zip(density.names, np.median(draws, axis=0).tolist(), strict=True))
 
 
 def simulate(study: Study, truth: Mapping[str, float | str] | None = None, seed: int = 1) -> pd.DataFrame:

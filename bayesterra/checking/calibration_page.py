@@ -28,11 +28,12 @@ HIGH_POWER, SOME_POWER = 0.9, 0.5
 
 def calibration_page(calibration: Calibration) -> VerdictPage:
     """Put the page together."""
-    study = calibration.study
+    study, tests = calibration.study, calibration.tests
+    worst = tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4).to_dict("records")
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(study.model.name, f"drive {study.drive}", f"{len(calibration.table)} replications"),
-        warning=_warning(calibration),
+        warning=say("warning", listed(map(tendency, worst))),
         verdicts=(_posterior(calibration), _sampling(calibration), _power(calibration)),
         sections=(
             Section("ranks", "Ranks", _ranks_section(calibration)),
@@ -58,12 +59,6 @@ def named(quantity: str) -> Markup:
     quantity, part = whole_and_part(quantity)
     of = symbol(quantity.removesuffix(AT_SLIP)) + part
     return Markup("{} at the largest slip").format(of) if quantity.endswith(AT_SLIP) else of
-
-
-def _warning(calibration: Calibration) -> Markup:
-    tests = calibration.tests
-    worst = tests[tests["verdict"] == "not uniform"].sort_values("p_value").head(4)
-    return say("warning", listed(tendency(row) for row in worst.to_dict("records")))
 
 
 def tendency(row: Mapping[Any, Any]) -> Markup:

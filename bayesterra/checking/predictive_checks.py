@@ -76,21 +76,17 @@ OF_RESIDUALS = (
 )  # fmt: skip
 
 
-def _between(number: IntArray) -> Statistic:
-    """Greatest mean residual of a part, in its standard errors; ``number`` (m,) of each reading's part."""
+def between(by: str, number: IntArray) -> TestStatistic:
+    """The statistic of readings that are parted ``by`` wheel, load or run; ``number`` (m,) of the part."""
     parts = [number == k for k in np.unique(number)]
 
     def value(z: FloatArray, slip: FloatArray) -> FloatArray:
+        """Greatest mean residual of a part, in its standard errors."""
         means = [np.abs(z[..., own].sum(axis=-1)) / np.sqrt(own.sum()) for own in parts]
         return np.asarray(np.max(means, axis=0))
 
-    return value
-
-
-def between(by: str, number: IntArray) -> TestStatistic:
-    """The statistic of readings that are parted ``by`` wheel, load or run; ``number`` (m,) of the part."""
     finding = f"is off to different sides for different {by}s"
-    return TestStatistic(f"by {by}", f"difference between {by}s", finding, False, 1, _between(number))
+    return TestStatistic(f"by {by}", f"difference between {by}s", finding, False, 1, value)
 
 
 TEST_STATISTICS: dict[str, TestStatistic] = {

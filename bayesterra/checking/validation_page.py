@@ -165,7 +165,10 @@ def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: s
         values = field_values(channel, outcomes[channel][0])
         ax.plot(slip, values, color=mark.colour, dashes=mark.dashes, linewidth=1.2)
     shown = _readings(ax, result, channel, wheel)
-    _limit(ax, np.concatenate([bands[[0, 4]].ravel(), shown]))
+    # curves of estimates far away may leave the view
+    seen = np.concatenate([bands[[0, 4]].ravel(), shown])
+    seen = seen[np.isfinite(seen)]
+    limit_y(ax, seen.min(), seen.max(), 0.12)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=label(CHANNELS[channel]))
     return ax
 
@@ -194,13 +197,6 @@ def _noise(result: Result, channel: str) -> FloatArray:
     if noise.parameter:
         estimated = np.full(1, np.median(result.values()[:, result.names.index(noise.parameter)]))
     return np.asarray(noise.scale(rows.values[channel][None], estimated, stated)[0])
-
-
-def _limit(ax: Axes, values: FloatArray) -> None:
-    """Keep bands and readings in view; curves of estimates far away may leave it."""
-    finite = values[np.isfinite(values)]
-    low, high = finite.min(), finite.max()
-    limit_y(ax, low, high, 0.12)
 
 
 @styled

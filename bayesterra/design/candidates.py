@@ -150,13 +150,10 @@ def _sensor(study: Study, text: str) -> Noise:
     if name in study.noise:
         raise StudyError(f"'{name}' is read already: every candidate has it")
     if not equals:
-        raise StudyError(f"'{name}' needs its noise: --channel \"{name}={_example(name)}\"")
+        unit = CHANNELS[name].unit
+        example = {"mm": "0.5 mm", "N m": "0.15 N m"}.get(unit, f"1 {unit}")
+        raise StudyError(f"'{name}' needs its noise: --channel \"{name}={example}\"")
     return Noise(name, sd=quantity(sd, CHANNELS[name].dimension, f"noise of {name}"))
-
-
-def _example(channel: str) -> str:
-    unit = CHANNELS[channel].unit
-    return {"mm": "0.5 mm", "N m": "0.15 N m"}.get(unit, f"1 {unit}")
 
 
 def _ordered(noise: tuple[Noise, ...]) -> tuple[Noise, ...]:

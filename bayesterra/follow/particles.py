@@ -251,28 +251,16 @@ class _Points:
         total[inside] = self.prior[inside] + self.earlier[inside] + temperature * self.newest[inside]
         return total
 
-    def replace_where(self, taken: BoolArray, new: _Points) -> None:
-        """Take new points where ``taken`` (n,) holds."""
-        for name in ("v", "x", "prior", "earlier", "newest"):
-            getattr(self, name)[taken] = getattr(new, name)[taken]
-
-
-@dataclass(frozen=True)
-class _Place:
-    """A target in straight coordinates."""
-
-    levels: Levels
-    coordinates: Coordinates
-    proposal: Proposal
-
-    def points(self, v: FloatArray) -> _Points:
-        u, bent = self.proposal.transport_map.forward(v)
-        x, log_jacobian = self.coordinates.to_physical(u)
+    @classmethod
+    def at(cls, v: FloatArray, proposal: Proposal, levels: Levels) -> _Points:
+        """Points of the target at straight coordinates (n, d)."""
+        u, bent = proposal.transport_map.forward(v)
+        x, log_jacobian = levels.coordinates.to_physical(u)
         log_jacobian = log_jacobian + bent
         safe = np.isfinite(log_jacobian) & np.isfinite(x).all(axis=1)
-        prior, earlier, newest = self.levels(np.where(safe[:, None], x, np.nan))
+        prior, earlier, newest = levels(np.where(safe[:, None], x, np.nan))
         prior = np.where(safe & (prior > -np.inf), prior + np.where(safe, log_jacobian, 0.0), -np.inf)
-        return _Points(v, x, prior, earlier, newest)
+        return cls(v, x, prior, earlier, newest)
 
 
 def rejuvenate(
@@ -291,31 +279,37 @@ def rejuvenate(
     and what it took.
     """
     n = len(particles)
-    place, u, alive = _fitted(particles, levels, before, rng)
+    proposal, u, alive = _fitted(particles, levels, before, rng)
     chosen = systematic(particles.weights[alive], n, rng)
-    points = place.points(place.proposal.transport_map.inverse(u)[0][chosen])
-    memory = _Memory.of(points)
+    points = _Points.at(proposal.transport_map.inverse(u)[0][chosen], proposal, levels)
+    values = np.column_stack([points.x, points.v])
+    low, high = np.quantile(values, (TAIL, 1.0 - TAIL), axis=0)
+    memory = _features(values, low, high)
     accepted = tried = sweeps = 0
     correlation, limit = 1.0, max(FORGOTTEN, 3.0 / np.sqrt(n))
     while sweeps < FEWEST or (sweeps < MOST and correlation > limit):
         independent = sweeps % 3 < 2
-        v, log_ratio = _proposed(points.v, place.proposal, independent, rng)
-        new = place.points(v)
+        v, log_ratio = _proposed(points.v, proposal, independent, rng)
+        new = _Points.at(v, proposal, levels)
         with np.errstate(invalid="ignore"):
             log_ratio = log_ratio + new.level(temperature) - points.level(temperature)
         taken = np.log(rng.random(n)) < log_ratio
-        points.replace_where(taken, new)
+        for name in vars(points):
+            getattr(points, name)[taken] = getattr(new, name)[taken]
         sweeps += 1
         if independent:
             accepted, tried = accepted + int(taken.sum()), tried + n
-        correlation = memory.correlation(points)
+        # the largest correlation of what was with what is
+        now = _features(np.column_stack([points.x, points.v]), low, high)
+        norm = np.sqrt((memory**2).sum(axis=0) * (now**2).sum(axis=0))
+        correlation = float(np.max((memory * now).sum(axis=0) / np.maximum(norm, 1e-300)))
     moved = Particles.even(points.x, points.earlier)
     return moved, points.newest, Rejuvenation(sweeps, accepted / tried, correlation, limit, temperature)
 
 
 def _fitted(
     particles: Particles, levels: Levels, before: FloatArray, rng: Generator
-) -> tuple[_Place, FloatArray, IntArray]:
+) -> tuple[Proposal, FloatArray, IntArray]:
     """A proposal fitted to the weighted particles; those alive, in sampling coordinates and by number."""
     chosen = levels.coordinates
     alive = np.flatnonzero(particles.log_weights > -np.inf)
@@ -326,7 +320,7 @@ def _fitted(
     u, alive = u[sound], alive[sound]
     components = max(1, min(MOST_COMPONENTS, int(particles.effective) // PER_COMPONENT))
     proposal = fit_proposal(u, particles.weights[alive], widths, components, DEFENCE, rng)
-    return _Place(levels, chosen, proposal), u, alive
+    return proposal, u, alive
 
 
 def _spread(u: FloatArray) -> FloatArray:
@@ -349,28 +343,7 @@ def _proposed(v: FloatArray, proposal: Proposal, independent: bool, rng: Generat
     return v + step, np.zeros(n)
 
 
-@dataclass(frozen=True)
-class _Memory:
-    """Earlier particles, and who was in which tail: tails may be left long after the middle has mixed."""
-
-    low: FloatArray
-    high: FloatArray
-    features: FloatArray
-
-    @classmethod
-    def of(cls, points: _Points) -> _Memory:
-        values = np.column_stack([points.x, points.v])
-        low, high = np.quantile(values, (TAIL, 1.0 - TAIL), axis=0)
-        return cls(low, high, _features(values, low, high))
-
-    def correlation(self, points: _Points) -> float:
-        """Largest correlation of what was with what is."""
-        now = _features(np.column_stack([points.x, points.v]), self.low, self.high)
-        norm = np.sqrt((self.features**2).sum(axis=0) * (now**2).sum(axis=0))
-        return float(np.max((self.features * now).sum(axis=0) / np.maximum(norm, 1e-300)))
-
-
 def _features(values: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
-    """Centred values and indicators of both tails, (n, 3 k)."""
+    """Centred values and indicators of both tails, (n, 3 k): tails may be left long after the middle has mixed."""
     features = np.column_stack([values, values < low, values > high])
     return np.asarray(features - features.mean(axis=0), dtype=np.float64)

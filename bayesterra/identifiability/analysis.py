@@ -16,7 +16,7 @@ from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError, check_kind, check_seed, enumerated
 from bayesterra.identifiability.information import ALL, MARGINAL, Coupling, Information, coupling, information
 from bayesterra.identifiability.local import Collinearity, LocalAnalysis, collinearity, local_analysis
-from bayesterra.identifiability.profiles import Profile, Profiles, no_profiles, profiles
+from bayesterra.identifiability.profiles import Profiles, no_profiles, profiles
 from bayesterra.identifiability.structure import DRAWS as STRUCTURE_DRAWS
 from bayesterra.identifiability.structure import Structure, structure
 from bayesterra.identifiability.verdicts import DETERMINED, STRUCTURAL, WEAK, Identifiability, identifiability, judged
@@ -91,7 +91,16 @@ def analyse(
     engine : traces the profiles; by default this process.
     report : called with the name of each part as it begins.
     """
-    clock = _Clock(report)
+    seconds: dict[str, float] = {}
+
+    def timed(part: str, work: Callable[[], T]) -> T:
+        """Outcome of a part, of which the name is told as it begins and the wall time kept."""
+        report(part)
+        started = time.perf_counter()
+        result = work()
+        seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - started
+        return result
+
     tracing, coupled, informing = (default_rng(stream) for stream in seed.spawn(3))
 
     def traced() -> Profiles:
@@ -100,16 +109,16 @@ def analyse(
         known = {"draws": draws, "prior_draws": prior, "references": mode}
         return profiles(posterior, rng=tracing, engine=engine, **known)
 
-    profiled = clock("profiles", traced)
+    profiled = timed("profiles", traced)
 
     def local(x: FloatArray) -> LocalAnalysis:
-        return clock("local analysis", lambda: local_analysis(posterior, x, prior, draws))
+        return timed("local analysis", lambda: local_analysis(posterior, x, prior, draws))
 
     best, spread = local(profiled.best["posterior"]), local(spaced(draws, LOCAL_DRAWS))
-    subsets = clock("collinearity", lambda: collinearity(spread))
-    seen = clock("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
-    tied = clock("coupling", lambda: coupling(posterior, prior, draws, coupled))
-    informed = clock("information", lambda: information(posterior, prior, draws, informing))
+    subsets = timed("collinearity", lambda: collinearity(spread))
+    seen = timed("structure", lambda: structure(posterior, prior[:STRUCTURE_DRAWS]))
+    tied = timed("coupling", lambda: coupling(posterior, prior, draws, coupled))
+    informed = timed("information", lambda: information(posterior, prior, draws, informing))
     laws = posterior.prior.laws.values()
     ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
     basis = identifiability(posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined), logs)
@@ -118,23 +127,8 @@ def analyse(
     return Analysis(
         posterior.names, seen, best, spread, subsets, profiled, tied, informed,
         judged(table.join(_elsewhere(prior, spread, profiled))), _combinations(informed, seen),
-        counts[["scope", "directions", "determined", "effective"]], clock.seconds,
+        counts[["scope", "directions", "determined", "effective"]], seconds,
     )  # fmt: skip
-
-
-class _Clock:
-    """Wall time of every part, and a word as it begins."""
-
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self.seconds: dict[str, float] = {}
-        self._report = report
-
-    def __call__(self, part: str, work: Callable[[], T]) -> T:
-        self._report(part)
-        started = time.perf_counter()
-        result = work()
-        self.seconds[part] = self.seconds.get(part, 0.0) + time.perf_counter() - started
-        return result
 
 
 def _elsewhere(prior: FloatArray, spread: LocalAnalysis, profiled: Profiles) -> pd.DataFrame:
@@ -142,7 +136,9 @@ def _elsewhere(prior: FloatArray, spread: LocalAnalysis, profiled: Profiles) -> 
     each = profiled.found.get("likelihood")
     told = [("", np.nan, np.nan, np.nan)] * len(spread.names)
     if each is not None:
-        told = [(p.shape, *p.crossings(95), _excluded(p, x)) for p, x in zip(each, prior.T, strict=True)]
+        ends = np.array([profile.interval(95) for profile in each]).T
+        excluded = ((prior < ends[0]) | (prior > ends[1])).mean(axis=0)  # share of the cut prior
+        told = [(p.shape, *p.crossings(95), float(out)) for p, out in zip(each, excluded, strict=True)]
     table = pd.DataFrame(told, columns=["profile", "lower_95", "upper_95", "excluded"])
     return table.assign(expected=spread.table["expected"], local_sd=spread.table["local_sd"])
 
@@ -156,12 +152,6 @@ def _combinations(informed: Information, seen: Structure) -> pd.DataFrame:
     if not nulls:
         return rated.reset_index(drop=True)
     return pd.concat([rated, pd.DataFrame(nulls, columns=rated.columns)], ignore_index=True)
-
-
-def _excluded(profile: Profile, prior: FloatArray) -> float:
-    """Share of the cut prior outside the 95 % interval."""
-    low, high = profile.interval(95)
-    return float(((prior < low) | (prior > high)).mean())
 
 
 GROUP_WORDS = {"P_I": "bearing", "P_II": "shearing", "P_III": "contact-angle", "load effect": "load-effect"}

@@ -165,14 +165,11 @@ def coupling_section(coupling: Coupling) -> Blocks:
     """Coupling of parameters and of groups."""
     if len(coupling.names) == 1:
         return (Text("There is a single free parameter: nothing to be coupled with."),)
-    return (_couplings(coupling), *((_between(coupling),) if len(coupling.between) else ()))
-
-
-def _couplings(coupling: Coupling) -> Gallery:
     pictures = [drawing(coupling_map(coupling), "Normal-score correlations of every pair of parameters")]
-    if len(coupling.between):
-        pictures.append(drawing(group_coupling(coupling), "Mutual information of the parameter groups"))
-    return Gallery("half", tuple(pictures), say("couplings", len(pictures) > 1))
+    if not len(coupling.between):
+        return (Gallery("half", tuple(pictures), say("couplings", False)),)
+    pictures.append(drawing(group_coupling(coupling), "Mutual information of the parameter groups"))
+    return (Gallery("half", tuple(pictures), say("couplings", True)), _between(coupling))
 
 
 def _between(coupling: Coupling) -> Table:

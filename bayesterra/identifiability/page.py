@@ -83,7 +83,12 @@ def _verdict_section(made: Identified) -> Blocks:
     rows = records(made.verdicts)
     against = [row for row in rows if row["against"]]
     objections = (Text(say("objections", against)),) if against else ()
-    return (say.table("verdict_table", map(_verdict_row, rows)), *objections, Text(text), _combinations(made))
+    combined = (
+        (row["verdict"], number(row["contraction"], 3, least=0.0), in_symbols(row["combination"]))
+        for row in records(made.found.combinations)
+    )
+    verdicts = say.table("verdict_table", map(_verdict_row, rows))
+    return (verdicts, *objections, Text(text), say.table("combinations", combined))
 
 
 def _verdict_row(row: Record) -> tuple[Cell, ...]:
@@ -108,14 +113,6 @@ def _ends(row: Record) -> Cell:
     if low == low:
         return Markup(", above {}").format(amount(name, plain(low)))
     return Markup(", below {}").format(amount(name, plain(high))) if high == high else ""
-
-
-def _combinations(made: Identified) -> Table:
-    rows = tuple(
-        (row["verdict"], number(row["contraction"], 3, least=0.0), in_symbols(row["combination"]))
-        for row in records(made.found.combinations)
-    )
-    return say.table("combinations", rows)
 
 
 def _profile_section(made: Identified) -> Blocks:

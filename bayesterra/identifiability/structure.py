@@ -458,15 +458,12 @@ def combination(
     """
     size = np.abs(weights)
     order = np.argsort(-size, kind="stable")[:terms]
-    leading = [int(i) for i in order if size[i] > 0 and size[i] >= least * size.max()]
-    signed_terms = [("−" if weights[i] < 0 else "+", _term(names[i], size[i], digits)) for i in leading]
-    text = " ".join(f"{sign} {term}" for sign, term in signed_terms)
+    signed_terms = []
+    for i in (int(i) for i in order if size[i] > 0 and size[i] >= least * size.max()):
+        weight = f"{size[i]:.{digits}g} ".removeprefix("1 ")
+        signed_terms.append(f"{'−' if weights[i] < 0 else '+'} {weight}{PARAMETERS[names[i]].symbol}")
+    text = " ".join(signed_terms)
     return text[2:] if text.startswith("+") else text.replace("− ", "−", 1)
-
-
-def _term(name: str, size: float, digits: int) -> str:
-    text, symbol = f"{size:.{digits}g}", PARAMETERS[name].symbol
-    return symbol if text == "1" else f"{text} {symbol}"
 
 
 def listed(names: Sequence[str]) -> str:

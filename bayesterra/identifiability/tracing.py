@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -148,39 +149,30 @@ class Traces:
         """
         columns, long = tuple(np.unique(self.column).tolist()), self.target.latent  # each worth a task
         groups = tuple((column,) for column in columns) if long else (columns,)
-        task = _Settling(self, points, starts, source)
+        task = partial(self._alone, points, starts, source)
         for group, solution in completed(task, groups, engine if long else in_process()):
             own = np.isin(self.column, group)
             self.y[own], self.value[own], self.witnesses[own] = solution
+
+    def _alone(
+        self, points: IntArray, starts: FloatArray, source: IntArray, columns: tuple[int, ...]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Best points, values and witnesses of the grids of some parameters; see :meth:`settled`."""
+        own = np.isin(self.column, columns)
+        names = ("column", "place", "y", "value", "witnesses")
+        part = Traces(self.target, *(getattr(self, name)[own].copy() for name in names))
+        part.improved = self.improved[own].copy()
+        mine, where = own[points], np.cumsum(own) - 1
+        if mine.any():
+            part.attempt(where[points[mine]], starts[mine], source[mine])
+        part.settle()
+        return part.y, part.value, part.witnesses
 
     @property
     def best(self) -> tuple[FloatArray, float]:
         """The best point known (d,) and its value."""
         i = int(self.value.argmin())
         return self.y[i], float(self.value[i])
-
-
-@dataclass(frozen=True)
-class _Settling:
-    """The task: some parameters in, the best points, values and witnesses of their grids out."""
-
-    traces: Traces
-    points: IntArray
-    starts: FloatArray
-    source: IntArray
-
-    def __call__(self, columns: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Descend and sweep at the grid points of some parameters; see :meth:`Traces.settled`."""
-        own = np.isin(self.traces.column, columns)
-        names = ("column", "place", "y", "value", "witnesses")
-        part = Traces(self.traces.target, *(getattr(self.traces, name)[own].copy() for name in names))
-        part.improved = self.traces.improved[own].copy()
-        mine = own[self.points]
-        where = np.cumsum(own) - 1
-        if mine.any():
-            part.attempt(where[self.points[mine]], self.starts[mine], self.source[mine])
-        part.settle()
-        return part.y, part.value, part.witnesses
 
 
 def standing_out(column: IntArray, value: FloatArray) -> BoolArray:
@@ -224,27 +216,18 @@ def trace(
     for _ in range(REFINEMENTS):
         mode = _mode(target, np.stack([mode, traces.best[0]]))
         column, place = _crossings(traces, levels)
-        if float(target.value(mode[None])[0]) < traces.best[1] - MOVED or _unheld(traces, mode):
+        # the best of the others may show a mode near which some profile has no point
+        unheld = max(traces.value[traces.column == i].min() for i in range(len(mode))) > traces.best[1] + MOVED
+        if unheld or float(target.value(mode[None])[0]) < traces.best[1] - MOVED:
             column, place = np.append(column, np.arange(len(mode))), np.append(place, mode)
         if not column.size:
             break
-        traces = _extended(traces, column, place, mode, engine)
-    return traces
-
-
-def _unheld(traces: Traces, mode: FloatArray) -> bool:
-    """True where some profile has no point near the mode that the best of the others shows."""
-    least = [traces.value[traces.column == i].min() for i in range(len(mode))]
-    return bool(max(least) > traces.best[1] + MOVED)
-
-
-def _extended(traces: Traces, column: IntArray, place: FloatArray, mode: FloatArray, engine: Engine) -> Traces:
-    """The traces with more points, found from the mode and from their neighbours."""
-    traces = traces.with_points(column, place)
-    unknown = np.isinf(traces.value)
-    traces.improved[:] = ~unknown & (np.roll(unknown, 1) | np.roll(unknown, -1))  # points next to one of these
-    new = np.flatnonzero(np.isinf(traces.value))
-    traces.settled(new, np.repeat(mode[None], len(new), axis=0), np.full(len(new), MODE), engine)
+        # more points are found from the mode and from their neighbours
+        traces = traces.with_points(column, place)
+        unknown = np.isinf(traces.value)
+        traces.improved[:] = ~unknown & (np.roll(unknown, 1) | np.roll(unknown, -1))  # points next to one of these
+        new = np.flatnonzero(unknown)
+        traces.settled(new, np.repeat(mode[None], len(new), axis=0), np.full(len(new), MODE), engine)
     return traces
 
 

@@ -114,25 +114,17 @@ def minimise(
         return box.slopes(residual.jacobian(parameters(free)))
 
     lower, upper = box.lower[columns], box.upper[columns]
+    first, width = origin[columns], upper - lower
+    # the size of a value, or 1, where its bounds are open
+    width = np.where(np.isfinite(width) & (width > 0), width, np.where(first == 0, 1.0, np.abs(first)))
     result = least_squares(
-        values, origin[columns], jac=jacobian, bounds=(lower, upper),
-        x_scale=_widths(origin, box.lower, box.upper)[columns], ftol=tolerance, xtol=tolerance,
+        values, first, jac=jacobian, bounds=(lower, upper), x_scale=width, ftol=tolerance, xtol=tolerance,
         gtol=tolerance, max_nfev=evaluations,
     )  # fmt: skip
-    theta = parameters(_on_bounds(result.x, lower, upper))
-    return Minimum(theta, float(result.cost), bool(result.status > 0), int(result.nfev))
-
-
-def _on_bounds(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Put values on the bound that they have converged to; the search itself stays strictly inside."""
+    # values go on the bound that they have converged to; the search itself stays strictly inside
     near = 1e-10 * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
-    return np.where(x < lower + near, lower, np.where(x > upper - near, upper, x))
-
-
-def _widths(x: FloatArray, lower: FloatArray, upper: FloatArray) -> FloatArray:
-    """Width of the bounds; the size of the value (or 1) where they are open."""
-    width = upper - lower
-    return np.where(np.isfinite(width) & (width > 0), width, np.where(x == 0, 1.0, np.abs(x)))
+    x = np.where(result.x < lower + near, lower, np.where(result.x > upper - near, upper, result.x))
+    return Minimum(parameters(x), float(result.cost), bool(result.status > 0), int(result.nfev))
 
 
 @dataclass(frozen=True)
@@ -206,11 +198,7 @@ class ClippedModel:
         def run(part: Forward, row: FloatArray) -> FloatArray:
             return np.asarray(part.answers(row, part.conditions, part.given)[0][0])
 
-        return self._by_group(
-            clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters).theta,
-            run,
-            (self.forward.width,),
-        )
+        return self._by_group(self._clipped(theta).theta, run, (self.forward.width,))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Exact derivatives (m, 3, k) of the outcomes."""

@@ -340,15 +340,10 @@ class CorrelatedLikelihood(Likelihood):
             counted = answers.values[:, self.known.any(axis=1) | self.observations.use]
             good = np.flatnonzero((np.abs(counted) < HUGE).all(axis=(1, 2)))
             if good.size:
-                own = self._of_sets(first + good)
+                own, given = self, self.forward.given
+                if given.ndim > 1:  # every parameter set has loads of its own
+                    own = replace(self, forward=replace(self.forward, given=given[first + good]))
                 yield first + good, own.law(soil[part][good], answers.take(good), noise_values[part][good])
-
-    def _of_sets(self, chosen: IntArray) -> CorrelatedLikelihood:
-        """The same for some parameter sets, where each has loads of its own."""
-        given = self.forward.given
-        if given.ndim == 1:
-            return self
-        return replace(self, forward=replace(self.forward, given=given[chosen]))
 
     def _drawn(self, soil: FloatArray, noise_values: FloatArray, rng: Generator, *, conditioned: bool) -> Outcomes:
         outcomes = self.forward(soil, every_row=True)

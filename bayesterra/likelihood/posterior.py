@@ -284,16 +284,12 @@ def draw_cut_prior(posterior: Density, n: int, rng: Generator, batch: int = 4096
         kept.append(x[reasons == INSIDE])
         accepted, tried = accepted + len(kept[-1]), tried + batch
         if tried >= 50_000 and accepted < tried / 50_000:
-            raise SupportError(_no_support(counts, tried))
-    shares = {REASONS[code]: count / tried for code, count in counts.items() if count}
-    return PriorDraws(np.concatenate(kept)[:n], shares, tried)
-
-
-def _no_support(counts: Mapping[int, int], tried: int) -> str:
-    reached = {code: count for code, count in counts.items() if count}
-    shares = _percentages(reached, tried)
-    listed = [f"{shares[code]}: {REASONS[code]}" for code in sorted(reached, key=lambda code: -reached[code])]
-    return f"no parameter set of the prior fits the conditions of the data: of {tried} draws {', '.join(listed)}"
+            shares = _percentages({code: count for code, count in counts.items() if count}, tried)
+            listed = ", ".join(f"{shares[code]}: {REASONS[code]}" for code in sorted(shares, key=lambda c: -counts[c]))
+            rule = "no parameter set of the prior fits the conditions of the data"
+            raise SupportError(f"{rule}: of {tried} draws {listed}")
+    reached = {REASONS[code]: count / tried for code, count in counts.items() if count}
+    return PriorDraws(np.concatenate(kept)[:n], reached, tried)
 
 
 def _percentages(counts: Mapping[int, int], tried: int) -> dict[int, str]:

@@ -237,7 +237,7 @@ class DefendedDrivers:
         flat = round(n * FLAT)
         first, rest = self.fitted.sample(n - flat, rng), self.others.sample(flat, rng)
         second = np.empty((flat, first.shape[1]))
-        second[:, self._rest(first.shape[1])] = rest
+        second[:, np.delete(np.arange(first.shape[1]), self.columns)] = rest
         heights = np.abs(rng.standard_t(HEAVY, (flat, len(self.columns)))) * self.scales
         second[:, self.columns] = np.log(np.maximum(heights, 1e-300))
         return np.concatenate([first, second])
@@ -248,18 +248,8 @@ class DefendedDrivers:
         with np.errstate(over="ignore"):
             heights = np.exp(logs) / self.scales
         tail = student_t(HEAVY).logpdf(heights) + np.log(2.0) + logs - np.log(self.scales)
-        flat = self.others.log_density(D[:, self._rest(D.shape[1])]) + tail.sum(axis=1)
+        flat = self.others.log_density(np.delete(D, self.columns, axis=1)) + tail.sum(axis=1)
         return np.asarray(np.logaddexp(np.log1p(-FLAT) + self.fitted.log_density(D), np.log(FLAT) + flat))
-
-    def _rest(self, k: int) -> list[int]:
-        return [column for column in range(k) if column not in self.columns]
-
-
-def _defended(family: JointFamily, law: Proposal, D: FloatArray, rng: Generator) -> DefendedDrivers:
-    columns = tuple(block[1] for block in family.blocks[1:])
-    rest = np.delete(D, columns, axis=1)
-    others = fit_proposal(rest, np.ones(len(D)), rest.std(axis=0) + 1e-300, 8, 0.1, rng)
-    return DefendedDrivers(law, others, columns, 1.5 * np.exp(np.median(D[:, columns], axis=0)))
 
 
 @dataclass(frozen=True)
@@ -292,7 +282,12 @@ def outer_laws(
         shared = np.concatenate([spaced(D[:, :k], FITTED), S])
         chain = fit_chain(family, g, shared, own, np.concatenate([spaced(L[g], FITTED), own]), rng)
         inner.append(InnerLaw(law, chain))
-    return OuterLaws(_defended(family, laws.drivers, spaced(D, FITTED), rng), tuple(inner))
+    columns = tuple(block[1] for block in family.blocks[1:])
+    D = spaced(D, FITTED)
+    rest = np.delete(D, columns, axis=1)
+    others = fit_proposal(rest, np.ones(len(D)), rest.std(axis=0) + 1e-300, 8, 0.1, rng)
+    scales = 1.5 * np.exp(np.median(D[:, columns], axis=0))
+    return OuterLaws(DefendedDrivers(laws.drivers, others, columns, scales), tuple(inner))
 
 
 OUTER, INNER = 4096, 16

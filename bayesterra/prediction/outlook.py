@@ -350,7 +350,9 @@ def predict_rover(
     study = result.study
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))
-    alphas, pulls = checked_slopes(slopes), checked_tows(tows)
+    alphas, pulls = checked_slopes(slopes), np.unique([quantity(tow, "N", "tow", bare=True) for tow in tows])
+    if not pulls.size or pulls[0] < 0:
+        raise StudyError(f"'tow' must not be below 0 N (got {f'{pulls[0]:g} N' if pulls.size else 'none'})")
     draws, index = prediction.spread(result, DRAWS)
     ground: Ground = rover.on(study.prior.soil_values(draws), study.model)
     if study.errors.discrepancy:
@@ -382,14 +384,6 @@ def checked_slopes(slopes: Sequence[float | str]) -> FloatArray:
     if wrong.size or not values.size:
         got = f"{wrong[0] / DEGREE:.4g} deg" if wrong.size else "none"
         raise StudyError(f"'slope' must lie between 0 and 45 deg (got {got})")
-    return values
-
-
-def checked_tows(tows: Sequence[float | str]) -> FloatArray:
-    """Tow forces, N, in ascending order, each once."""
-    values = np.unique([quantity(tow, "N", "tow", bare=True) for tow in tows])
-    if not values.size or values[0] < 0:
-        raise StudyError(f"'tow' must not be below 0 N (got {f'{values[0]:g} N' if values.size else 'none'})")
     return values
 
 

@@ -106,7 +106,10 @@ def _ground(ax: Axes, curve: Prediction) -> None:
 def hatch_failing(ax: Axes, x: FloatArray, shares: FloatArray, colour: str = DOUBTFUL) -> None:
     """Hatch the stretches of ``x`` (k,) in which over ``UNANSWERED`` of the draws fail; the worst share."""
     left, right = ax.get_xlim()
-    for low, high, share in _stretches(x, shares):
+    wrong = np.flatnonzero(shares > UNANSWERED)
+    half = 0.5 * float(np.diff(x).max(initial=0.02))
+    for run in np.split(wrong, np.flatnonzero(np.diff(wrong) > 1) + 1) if wrong.size else ():
+        low, high, share = float(x[run[0]]) - half, float(x[run[-1]]) + half, float(shares[run].max())
         ax.axvspan(low, high, facecolor="none", edgecolor=colour, hatch="////", alpha=0.5, linewidth=0, zorder=5)
         ax.text(
             min(max(0.5 * (low + high), left), right), 0.97, f"{100 * share:.0f} %", color=colour,
@@ -114,16 +117,6 @@ def hatch_failing(ax: Axes, x: FloatArray, shares: FloatArray, colour: str = DOU
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.85, "pad": 1.0},
         )  # fmt: skip
     ax.set_xlim(left, right)
-
-
-def _stretches(x: FloatArray, shares: FloatArray) -> list[tuple[float, float, float]]:
-    """Ends of stretches with more than ``UNANSWERED`` of the draws without an answer, and the worst share."""
-    wrong = np.flatnonzero(shares > UNANSWERED)
-    half = 0.5 * float(np.diff(x).max(initial=0.02))
-    runs = np.split(wrong, np.flatnonzero(np.diff(wrong) > 1) + 1) if wrong.size else []
-    ends = [(float(x[run[0]]), float(x[run[-1]])) for run in runs]
-    worst = [float(shares[run].max()) for run in runs]
-    return [(low - half, high + half, share) for (low, high), share in zip(ends, worst, strict=True)]
 
 
 def _legend_of_bands(figure: Figure, cases: Sequence[Case]) -> None:

@@ -82,7 +82,8 @@ def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: s
         columns = named_columns(chosen, _scale, [*LOGGED, "test"])
         values = {name: column.si() for name, column in columns.items() if name != "test"}
         if not values or len(table) < FEWEST:
-            raise StudyError(f"must hold at least {FEWEST} samples of known channels (got {_had(table, columns)})")
+            got = f"{len(table)} rows of {', '.join(columns) or 'none'}"
+            raise StudyError(f"must hold at least {FEWEST} samples of known channels (got {got})")
         names = labels(columns["test"]) if "test" in columns else ()
         form = str(table.attrs["form"])
         aside = table.drop(columns=chosen.columns).iloc[0]
@@ -110,10 +111,6 @@ def _with_units(table: pd.DataFrame) -> pd.DataFrame:
         elif name in LOGGED and unit is None and table.attrs["form"] == "ROS bag":
             headers[position] = f"{header} [{LOGGED[name].dimension}]"
     return table.set_axis(headers, axis="columns")
-
-
-def _had(table: pd.DataFrame, columns: Mapping[str, object]) -> str:
-    return f"{len(table)} rows of {', '.join(columns) or 'none'}"
 
 
 def _scale(header: str, name: str, unit: str | None) -> float:

@@ -201,24 +201,17 @@ def refine(
             break
         watch(f"proposal, round {number + 1}")
         efficiency, log_evidence = drawn.extend(proposal, draws * len(u), densities, rng)
-        points, weights = _weighted(drawn.log_weights(), drawn.u, u, rng)
-        proposal = _fitted(points, weights, widths, options, rng)
+        log_weights = drawn.log_weights()
+        # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
+        excess = log_weights - mixtures.log_mean(log_weights)
+        truncated = np.minimum(excess, 0.5 * np.log(len(log_weights)))
+        chosen = mixtures.systematic(np.exp(FLATTENING * truncated), 5 * len(u), rng)
+        weights = np.repeat([1.0, 0.5], [len(chosen), len(u)])
+        proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
     tried = EvaluatedPoints(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
     proposal = add_components(proposal, tried, rng, components=options.shores, draws=len(u) // 2)
     return proposal, efficiency, log_evidence, len(drawn.u)
-
-
-def _weighted(
-    log_weights: FloatArray, drawn: FloatArray, anchor: FloatArray, rng: Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Points to fit, and their weights: draws resampled by truncated weights, and the anchor."""
-    # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-    excess = log_weights - mixtures.log_mean(log_weights)
-    truncated = np.minimum(excess, 0.5 * np.log(len(log_weights)))
-    chosen = mixtures.systematic(np.exp(FLATTENING * truncated), 5 * len(anchor), rng)
-    weights = np.concatenate([np.full(len(chosen), 1.0), np.full(len(anchor), 0.5)])
-    return np.concatenate([drawn[chosen], anchor]), weights
 
 
 def _log_target(densities: Densities, u: FloatArray) -> FloatArray:

@@ -401,7 +401,9 @@ class _Typical:
         rows, observations = posterior.likelihood.forward.conditions, posterior.likelihood.observations
         measured = observations.values.get("normal_force", observations.load)
         force = np.where(np.isnan(measured), observations.load, measured)
-        z = _sinkage(posterior)
+        # a sinkage that was not measured stands at a tenth of the radius
+        z = observations.values.get("sinkage", np.full(len(rows.radius), np.nan))
+        z = np.clip(np.where(np.isnan(z), 0.1 * rows.radius, z), 0.01 * rows.radius, 0.9 * rows.radius)
         theta = np.arccos(1.0 - z / rows.radius)
         middle = 0.5 * theta
         sheared = (theta - middle) - (1 - rows.slip) * (np.sin(theta) - np.sin(middle))
@@ -409,24 +411,12 @@ class _Typical:
         low, high, spread = float(rows.slip.min()), float(rows.slip.max()), _several_slips(posterior)
         slope, level = np.polyfit(rows.slip, np.log(theta), 1) if spread else (0.0, np.log(theta).mean())
         high = high if spread else low + 0.1
+        stress = force / (rows.width * rows.radius * np.sin(theta))
         return cls(
             slips=(low, high),
             entrance=np.exp(np.clip(level + slope * np.array([low, high]), -4.0, 0.4)),
             radius=float(np.median(rows.radius)),
-            stress=_median(force / (rows.width * rows.radius * np.sin(theta)), USUAL_STRESS),
+            stress=USUAL_STRESS if np.isnan(stress).all() else float(np.nanmedian(stress)),
             displacement=float(np.median(rows.shearing_radius * sheared)),
             share=2 / 3 if posterior.likelihood.forward.model.name == "M1" else 1.0,
         )
-
-
-def _median(values: FloatArray, otherwise: float) -> float:
-    """Median of what is known, or ``otherwise`` where nothing is."""
-    finite = values[~np.isnan(values)]
-    return float(np.median(finite)) if finite.size else otherwise
-
-
-def _sinkage(posterior: Posterior) -> FloatArray:
-    """Sinkage of every row (m,): measured where it was, else a tenth of the radius; at least 1 % of it."""
-    radius = posterior.likelihood.forward.conditions.radius
-    measured = posterior.likelihood.observations.values.get("sinkage", np.full(len(radius), np.nan))
-    return np.clip(np.where(np.isnan(measured), 0.1 * radius, measured), 0.01 * radius, 0.9 * radius)

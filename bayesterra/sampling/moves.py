@@ -157,11 +157,17 @@ class PooledEnsemble:
             self._anew(g)
             for half in self._halves():
                 self._by_differences(g, *half)
-        if len(self.family.blocks) > 1:
-            self._refresh()
-        k = self.walkers.D.shape[1]
-        if k <= INDEPENDENT_DRIVERS:
-            self._shared_anew()
+        w = self.walkers
+        if len(self.family.blocks) > 1:  # move what the likelihood does not see
+            w.D = self.family.refreshed(w.D, w.L, self.rng)
+            w.prior = self.family.log_prior(w.D)
+            for g in range(self.family.groups):
+                w.population[g] = self.family.log_population(g, w.D, w.L[g])
+        k, law = w.D.shape[1], self.laws.drivers
+        if k <= INDEPENDENT_DRIVERS:  # propose all shared values from their law, the locals carried along
+            new = law.sample(len(w.D), self.rng)
+            log_ratio = law.log_density(w.D) - law.log_density(new)
+            self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
         for half in self._halves():
             self._shared_by_differences(tuple(range(k)), *half)
         blocks = [block for block in self.family.blocks if 0 < len(block) < k]
@@ -218,21 +224,6 @@ class PooledEnsemble:
         w.L[g][chosen] = L[taken]
         w.population[g][chosen], w.likelihood[g][chosen] = population[taken], likelihood[taken]
         self.counts.add("locals by differences", taken)
-
-    def _refresh(self) -> None:
-        """Move what the likelihood does not see."""
-        w = self.walkers
-        w.D = self.family.refreshed(w.D, w.L, self.rng)
-        w.prior = self.family.log_prior(w.D)
-        for g in range(self.family.groups):
-            w.population[g] = self.family.log_population(g, w.D, w.L[g])
-
-    def _shared_anew(self) -> None:
-        """Propose all shared values from their law, the locals carried along."""
-        law, D = self.laws.drivers, self.walkers.D
-        new = law.sample(len(D), self.rng)
-        log_ratio = law.log_density(D) - law.log_density(new)
-        self._carried(np.arange(len(D)), new, log_ratio, "drivers anew")
 
     def _shared_by_differences(
         self, block: Sequence[int], half: IntArray, other: IntArray, *, treatment: Locals = "carried"

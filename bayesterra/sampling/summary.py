@@ -75,17 +75,13 @@ def _derived_rows(
     best = derive(study, soil(mode[None]))
     rows = []
     for name, quantity in DERIVED.items():
-        if _varies(drawn[name]) and np.isfinite(before[name]).any():
-            values = drawn[name].reshape(subset.shape[:2])
+        values = drawn[name].reshape(subset.shape[:2])
+        finite = values[np.isfinite(values)]
+        # answers are all the same where nothing behind them is free
+        if finite.size and np.ptp(finite) > 0 and np.isfinite(before[name]).any():
             diagnosis = array_diagnosis(values)
             rows.append(summary_row(quantity, values, before[name], float(best[name][0]), diagnosis))
     return rows
-
-
-def _varies(values: FloatArray) -> bool:
-    """True where there are answers, and not all the same, as they are where nothing behind them is free."""
-    finite = values[np.isfinite(values)]
-    return bool(finite.size and np.ptp(finite) > 0)
 
 
 def array_diagnosis(chains: FloatArray) -> tuple[float, float, float]:

@@ -391,7 +391,11 @@ def outcome_noise(
         if (name in used.values and not np.isnan(used.values[name]).all()) or (expected and name in stated)
     ]
     if not measured:
-        raise StudyError(_nothing_measured(drive, expected=expected))
+        outcomes = ", ".join(drive.outcomes)
+        if expected:
+            raise StudyError(f"[noise] needs an entry for at least one of {outcomes}, which are yet to be measured")
+        rule = f"the rows in use must hold at least one reading of {outcomes}"
+        raise StudyError(f"{rule} (before that: run --prior-only)")
     noise = {name: _channel_noise(name, stated.get(name), observations) for name in measured}
     if "sinkage" in noise:
         _check_negative_sinkage(used, noise["sinkage"])
@@ -448,13 +452,6 @@ def _several_loads(rows: Observations, drive: Drive) -> list[str]:
             ends = f"{loads.min():.4g} to {loads.max():.4g} N"
             return [f"the discrepancy of {wheel} is one curve over slip for all of its loads, {ends}"]
     return []
-
-
-def _nothing_measured(drive: Drive, *, expected: bool) -> str:
-    outcomes = ", ".join(drive.outcomes)
-    if expected:
-        return f"[noise] needs an entry for at least one of {outcomes}, which are yet to be measured"
-    return f"the rows in use must hold at least one reading of {outcomes} (before that: run --prior-only)"
 
 
 def awaited(observations: Observations, noise: Mapping[str, Noise], drive: Drive) -> Observations:

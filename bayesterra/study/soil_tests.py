@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -244,7 +243,13 @@ def readings(table: pd.DataFrame, kind: str, options: SoilTestTable) -> tuple[Re
     test = np.array([numbers.get(name, -1) for name in tests])
     order = np.lexsort((path, test))
     order = order[kept[order]]
-    _check_levels(test[order], given[order], tuple(numbers), COLUMNS[GIVEN[kind]])
+    column, number, each = COLUMNS[GIVEN[kind]], test[order], given[order]
+    if (changes := (number[1:] == number[:-1]) & (each[1:] != each[:-1])).any():
+        row = int(np.argmax(changes))
+        raise StudyError(
+            f"'{column.name}' must be the same in all rows of a test (got {each[row] / column.scale:g}"
+            f" {column.unit} and another in test '{tuple(numbers)[number[row]]}')"
+        )
     wide = _spaced(test[order], np.log(path[order]), options.spacing)
     if wide.size < order.size:
         notes.append(
@@ -298,16 +303,6 @@ def _kept(
         notes.append(f"{int((kept & ~inside).sum())} readings outside the range that the file gives are left out")
         kept &= inside
     return np.asarray(kept), notes
-
-
-def _check_levels(test: IntArray, given: FloatArray, names: tuple[str, ...], column: Channel) -> None:
-    for before, after in pairwise(range(len(test))):
-        if test[before] == test[after] and given[before] != given[after]:
-            raise StudyError(
-                f"'{column.name}' must be the same in all rows of a test (got"
-                f" {given[before] / column.scale:g} {column.unit} and another in test"
-                f" '{names[int(test[before])]}')"
-            )
 
 
 def _spaced(test: IntArray, along: FloatArray, spacing: float) -> IntArray:

@@ -369,7 +369,11 @@ def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected:
         for name in reference.values if reference else ():
             known("parameter", name, (*PARAMETERS, *own), f"[{where}] ")
     notes += [note for test in tests.values() for note in test.notes]
-    notes += _count_notes(rows, noise, prior, tests) + _group_notes(rows, pooling, prior)
+    used, count = rows.used(), sum(len(test.readings) for test in tests.values())
+    count += sum(int(np.sum(~np.isnan(used.values[name]))) for name in noise)
+    if count < len(prior.names):
+        notes.append(f"{count} readings for {len(prior.names)} free parameters: the prior fills in the rest")
+    notes += _group_notes(rows, pooling, prior)
     origin = content.data or next(iter(tests.values())).stated
     return {
         **{name: getattr(content, name) for name in _KEPT},
@@ -404,18 +408,6 @@ def _repeatable(drive: Drive, errors: ModelErrors) -> bool:
 
 _DESCRIBED = ("soil", "date")
 _KEPT = ("title", *_DESCRIBED, "least_squares", "published", "truth", "sampling")
-
-
-def _count_notes(
-    rows: Observations, noise: Mapping[str, Noise], prior: Prior, tests: Mapping[str, SoilTest]
-) -> list[str]:
-    """A note where there are fewer readings than free parameters, which a posterior can bear."""
-    used = rows.used()
-    readings = sum(int(np.sum(~np.isnan(used.values[name]))) for name in noise)
-    readings += sum(len(test.readings) for test in tests.values())
-    if readings >= len(prior.names):
-        return []
-    return [f"{readings} readings for {len(prior.names)} free parameters: the prior fills in the rest"]
 
 
 def _group_notes(rows: Observations, pooling: Pooling | None, prior: Prior) -> list[str]:
