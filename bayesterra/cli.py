@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -101,11 +100,13 @@ def _options(
         context.with_resource(allowing_code())
 
 
-def show(result: AnalysisResult, folder: Path | None) -> None:
-    """Print a result in short, and where it is saved."""
+def show(result: AnalysisResult, folder: Path | None, *, converged: bool = True) -> None:
+    """Print a result in short, and where it is saved; exit code 3 where it has not converged."""
     from bayesterra.report import terminal
 
     terminal.show(result.overview(), *([result.place(folder)] if folder else []))
+    if not converged:
+        raise typer.Exit(3)
 
 
 def beside(study: Path, what: str) -> Path:
@@ -139,12 +140,13 @@ def run(
 
     folder = out or beside(study, "result")
     if prior_only:
-        return show(run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite), folder)
+        show(run_prior_study(loaded, out=folder, seed=seed, overwrite=overwrite), folder)
+        return
     how = {"overwrite": overwrite, "resume": resume, "quiet": quiet, "crosscheck": crosscheck}
     result = run_study(loaded, out=folder, seed=seed, **how)
-    show(result, folder)
-    bad = strict and any(verdict.grade == "bad" for verdict in result.verdicts)
-    raise typer.Exit(3 if not result.converged else 4 if bad else 0)
+    show(result, folder, converged=result.converged)
+    if strict and any(verdict.grade == "bad" for verdict in result.verdicts):
+        raise typer.Exit(4)
 
 
 @app.command(short_help="Show what was understood of a study and its measurements.")
@@ -191,8 +193,12 @@ def simulate(
     from bayesterra.report import terminal
     from bayesterra.study.study import load_study
 
-    folder = out or beside(study, "simulated")
-    truth = dict(_assignment(text) for text in set_ or ())
+    folder, truth = out or beside(study, "simulated"), {}
+    for text in set_ or ():
+        name, equals, value = text.partition("=")
+        if not equals:
+            raise typer.BadParameter(f'must be NAME=VALUE, e.g. phi="30 deg" (got {text!r})', param_hint="--set")
+        truth[name.strip()] = value.strip()
     made = write_simulated(load_study(study), folder, seed=seed, truth=truth)
     terminal.show(truth_overview(made), f"Written: {folder} (seed {seed})")
 
@@ -220,14 +226,6 @@ def print_schema() -> None:
     typer.echo(json_schema())
 
 
-def _assignment(text: str) -> tuple[str, str]:
-    name, equals, value = text.partition("=")
-    if not equals:
-        message = f'must be NAME=VALUE, e.g. phi="30 deg" (got {text!r})'
-        raise typer.BadParameter(message, param_hint="--set")
-    return name.strip(), value.strip()
-
-
 @app.command(short_help="Predict forces for new slips, loads and wheels, or a rover.")
 def predict(
     result: Annotated[Path, argument("DIR", "A result folder that 'run' wrote.")],
@@ -247,35 +245,26 @@ def predict(
 ) -> None:
     """Predict sinkage, pull, torque and efficiency for new slips, loads and wheels, or drive a rover."""
     from bayesterra.analysis.run import load_result
+    from bayesterra.errors import StudyError
     from bayesterra.prediction import outlook, prediction
 
-    check_options(rover, {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow})
-    loaded, name = load_result(result), result.resolve().name.removesuffix("-result")
+    of_wheels, of_rovers = {"--slip": slip, "--load": load, "--wheel": wheel}, {"--slope": slope, "--tow": tow}
+    for name in (name for name, value in (of_wheels if rover else of_rovers).items() if value):
+        if rover:
+            raise StudyError(f"'{name}' does not go with '--rover': a rover's loads and slips follow from its slope")
+        raise StudyError(f"'{name}' needs '--rover FILE'")
+    loaded = load_result(result)
+    asked: dict[str, Any] = {"group": group, "probabilities": probability or ()}
     if rover is None:
-        slips, loads, wheels = prediction.slips_of(slip or ()), load or (), wheel or ()
-        made: AnalysisResult = prediction.forecast(
-            loaded, slips=slips, loads=loads, wheels=wheels, slip_reference=slip_reference, group=group,
-            probabilities=probability or (),
-        )  # fmt: skip
+        asked |= {"slips": prediction.slips_of(slip or ()), "loads": load or (), "wheels": wheel or ()}
+        made: AnalysisResult = prediction.forecast(loaded, slip_reference=slip_reference, **asked)
     else:
-        slopes, tows = outlook.slopes_of(slope or ()), outlook.tows_of(tow or ())
-        made = outlook.predict_rover(
-            loaded, rover, slopes=slopes, tows=tows, group=group, probabilities=probability or ()
-        )
-    folder = out or Path(f"{name}-{'prediction' if rover is None else 'rover'}")
+        asked |= {"slopes": outlook.slopes_of(slope or ()), "tows": outlook.tows_of(tow or ())}
+        made = outlook.predict_rover(loaded, rover, **asked)
+    what = "prediction" if rover is None else "rover"
+    folder = out or Path(f"{result.resolve().name.removesuffix('-result')}-{what}")
     made.save(folder, overwrite=overwrite)
     show(made, folder)
-
-
-def check_options(rover: Path | None, of_wheels: Mapping[str, object], of_rovers: Mapping[str, object]) -> None:
-    """Refuse options of wheels beside those of a rover."""
-    from bayesterra.errors import StudyError
-
-    wrong = [name for name, value in (of_wheels if rover else of_rovers).items() if value]
-    if wrong and rover:
-        raise StudyError(f"'{wrong[0]}' does not go with '--rover': a rover's loads and slips follow from its slope")
-    if wrong:
-        raise StudyError(f"'{wrong[0]}' needs '--rover FILE'")
 
 
 @app.command()
@@ -347,8 +336,7 @@ def calibrate(
     with chosen(workers, scheduler) as engine:
         job = CalibrationRequest(loaded, number, seed, engine)
         calibration = calibrate_study(job, folder, resume=resume, overwrite=overwrite, quiet=quiet)
-    show(calibration, folder)
-    raise typer.Exit(0 if calibration.calibrated else 3)
+    show(calibration, folder, converged=calibration.calibrated)
 
 
 @app.command(short_help="Say what data determine, and what only repeats its prior.")
@@ -373,19 +361,17 @@ def identify(
         from bayesterra.identifiability.page import foreseen_overview
         from bayesterra.report import terminal
 
-        return terminal.show(foreseen_overview(foresee(loaded, seed=seed)))
+        terminal.show(foreseen_overview(foresee(loaded, seed=seed)))
+        return
     from bayesterra.analysis.run import opened
     from bayesterra.identifiability.analysis import identify_into
     from bayesterra.runtime.engines import chosen
 
     folder = out or Path(beside(what, "identifiability").name.replace("-result-", "-"))
     with chosen(workers, scheduler) as engine:
-        study_or_result = opened(what)
-        identifiability = identify_into(
-            study_or_result, folder, seed=seed, engine=engine, overwrite=overwrite, quiet=quiet
-        )
-    show(identifiability, folder)
-    raise typer.Exit(0 if identifiability.record["converged"] else 3)
+        how: dict[str, Any] = {"seed": seed, "engine": engine, "overwrite": overwrite, "quiet": quiet}
+        identifiability = identify_into(opened(what), folder, **how)
+    show(identifiability, folder, converged=identifiability.record["converged"])
 
 
 @app.command(short_help="Rank rows that could come next by what they would tell.")
@@ -416,14 +402,12 @@ def design(
     from bayesterra.runtime.engines import chosen
 
     names = [name.strip() for text in about or () for name in text.split(",") if name.strip()]
-    folder = out or Path(f"{beside(study_or_result, 'design').name.replace('-result-', '-')}")
+    folder = out or Path(beside(study_or_result, "design").name.replace("-result-", "-"))
     asked: dict[str, Any] = {"about": names, "slips": slips_of(slip or ()), "loads": load or (), "group": group}
     asked |= {"wheels": wheel or (), "channels": channel or (), "number": number, "by": by, "seed": seed}
+    asked |= {"resume": resume, "overwrite": overwrite, "quiet": quiet}
     with chosen(workers, scheduler) as engine:
-        recommendation = design_into(
-            opened_for_design(study_or_result), folder, engine=engine, resume=resume, overwrite=overwrite,
-            quiet=quiet, **asked,
-        )  # fmt: skip
+        recommendation = design_into(opened_for_design(study_or_result), folder, engine=engine, **asked)
     show(recommendation, folder)
 
 
@@ -447,8 +431,7 @@ def holdout(
     asked: dict[str, Any] = {"by": by, "tolerance": tolerance, "seed": seed}
     with chosen(workers, scheduler) as engine:
         scores = leave_out_into(what, folder, overwrite=overwrite, quiet=quiet, engine=engine, **asked)
-    show(scores, folder)
-    raise typer.Exit(0 if scores.converged else 3)
+    show(scores, folder, converged=scores.converged)
 
 
 @app.command(short_help="Posterior of plate or shear tests beside least squares.")
@@ -466,8 +449,7 @@ def soiltest(
     name = file.resolve().name if file.is_dir() or file.stem != "soiltest" else file.resolve().parent.name
     folder = out or Path(f"{name.removesuffix('.toml')}-result")
     result = run_study(load_soil_test(file), out=folder, seed=seed, overwrite=overwrite, quiet=quiet)
-    show(result, folder)
-    raise typer.Exit(0 if result.converged else 3)
+    show(result, folder, converged=result.converged)
 
 
 @app.command(short_help="Reduce raw logs of wheel or plate tests to rows.")
