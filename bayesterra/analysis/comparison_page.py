@@ -319,6 +319,8 @@ def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, 
     result = comparison.results[name]
     verdict = result.record["verdict"]
     evidence = " ± ".join(with_error(float(row["log_evidence"]), float(row["error"])))
+    fit = fit_verdict(Validation.from_record(result.record).checks)
+    p = [Markup(", <i>p</i> {}").format(probability(value)) for value in list(fit.figures.values())[:1]]
     return (
         coloured(comparison, name, name),
         evidence if row["reliable"] else f"{evidence}*",
@@ -327,15 +329,8 @@ def _judged(comparison: Comparison, row: Mapping[Hashable, Any]) -> tuple[Cell, 
         "yes" if result.converged else Markup("<b>no</b>"),
         plain(verdict["r_hat"], 4),
         plain(verdict["ess"]),
-        _fit(result),
+        Markup("{}{}").format(fit.word, *(p or [Markup("")])),
     )
-
-
-def _fit(result: Result) -> Markup:
-    """The overall check, where the record holds it."""
-    verdict = fit_verdict(Validation.from_record(result.record).checks)
-    p = [Markup(", <i>p</i> {}").format(probability(value)) for value in list(verdict.figures.values())[:1]]
-    return Markup("{}{}").format(verdict.word, *(p or [Markup("")]))
 
 
 def _left_out(comparison: Comparison) -> tuple[Table, ...]:

@@ -345,16 +345,13 @@ def _content(folder: Path, kind: type[RunResult | PooledResult]) -> dict[str, An
     tables.pop("measurements", None)
     know_model(folder)
     record, draws = kind.RECORD.read(folder / RECORD), read_tree(folder / DRAWS)
-    return {**tables, "record": record, "draws": draws, "study": _numbered(load_study(folder), draws)}
-
-
-def _numbered(study: Study, draws: xr.DataTree) -> Study:
-    """The study with the numbers of its rows in the table of the run, some of which it may have left out."""
+    study = load_study(folder)
     groups = [name for name in ("constant_data", "predictions_constant_data") if name in draws.children]
+    # rows have the numbers of the table of the run, some of which it may have left out
     numbers = sorted(int(row) for name in groups for row in draws[name]["row"])
-    if len(numbers) != len(study.observations):  # damage is said where it is checked
-        return study
-    return study.having(observations=replace(study.observations, rows=tuple(numbers)))
+    if len(numbers) == len(study.observations):  # damage is said where it is checked
+        study = study.having(observations=replace(study.observations, rows=tuple(numbers)))
+    return {**tables, "record": record, "draws": draws, "study": study}
 
 
 def is_pooled(folder: Path) -> bool:

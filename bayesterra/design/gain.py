@@ -282,18 +282,12 @@ def _row(reading: Reading, interest: Interest, rng: Generator) -> Pairs:
     log = _densities(reading, drawn)
     if interest.whole:
         return Pairs(log, None, reading.answered, drawn)
-    middle = _regressed(reading, interest.terms)
+    # means as a quadratic in the parameters of interest explains them
+    terms, answered, middle = interest.terms, reading.answered, np.zeros(reading.mean.shape)
+    if answered.sum() > terms.shape[1]:
+        middle = terms @ np.linalg.lstsq(terms[answered], reading.mean[answered], rcond=None)[0]
     rest = Reading(reading.mean - middle, reading.whitening, reading.noise)
     return Pairs(log, _densities(rest, drawn - middle), reading.answered, drawn)
-
-
-def _regressed(reading: Reading, terms: FloatArray) -> FloatArray:
-    """Means (n, k) as a quadratic in the parameters of interest explains them."""
-    answered = reading.answered
-    if answered.sum() <= terms.shape[1]:
-        return np.zeros(reading.mean.shape)
-    weights = np.linalg.lstsq(terms[answered], reading.mean[answered], rcond=None)[0]
-    return np.asarray(terms @ weights)
 
 
 def _densities(reading: Reading, drawn: FloatArray) -> FloatArray:

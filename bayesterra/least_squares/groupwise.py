@@ -98,8 +98,12 @@ def plan(method: str, steps: Sequence[Step], settings: Settings) -> Plan:
     wanted = [step for step in steps if step.columns(settings)]
     blind = [step for step in wanted if not step.complete.any()]
     for step in wanted:
-        if step.complete.any():
-            _check_count(method, step, len(step.columns(settings)))
+        count, free = int(step.complete.sum()), len(step.columns(settings))
+        if 0 < count < free:
+            raise StudyError(
+                f"too few observations for {method}: {CHANNELS[step.channel].symbol} has"
+                f" {counted(count, 'reading')}, {counted(free, 'parameter')}"
+            )
     missing = {SOIL_PARAMETERS[i] for step in blind for i in step.columns(settings)}
     return Plan(
         tuple(step for step in wanted if step.complete.any()),
@@ -107,15 +111,6 @@ def plan(method: str, steps: Sequence[Step], settings: Settings) -> Plan:
         tuple(name for name in SOIL_PARAMETERS if name in missing),
         tuple(_reason(step, settings) for step in blind),
     )
-
-
-def _check_count(method: str, step: Step, free: int) -> None:
-    count = int(step.complete.sum())
-    if count < free:
-        raise StudyError(
-            f"too few observations for {method}: {CHANNELS[step.channel].symbol} has"
-            f" {counted(count, 'reading')}, {counted(free, 'parameter')}"
-        )
 
 
 def _reason(step: Step, settings: Settings) -> str:

@@ -121,10 +121,12 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     box = ratio_box(settings, columns, likelihood.forward.conditions.slip)
     medians = {noise.channel: noise.law.median for noise in likelihood.noise if noise.law}
     misfit = _misfit(posterior, settings, medians)
-    minima = [
-        minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS)
-        for start in _feasible(misfit, [*starts, settings.start, *_drawn(posterior, settings)], box)
-    ]
+    begun = [*starts, settings.start, *_drawn(posterior, settings)]
+    inside = [box.parameters(box.coordinates(start)) for start in begun]
+    feasible = [start for start in inside if np.isfinite(misfit.values(start)).all()]
+    if not feasible:
+        raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
+    minima = [minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS) for start in feasible]
     best = _refined(misfit, min(minima, key=attrgetter("cost")), box)
     reached = sum(minimum.cost <= best.cost + SAME_COST for minimum in minima)
     path = [best.theta]
@@ -183,15 +185,6 @@ def _drawn(posterior: Posterior, settings: Settings) -> list[FloatArray]:
     held = [settings.names.index(name) for name in settings.held]
     soil[:, held] = settings.start[held]
     return list(soil)
-
-
-def _feasible(misfit: WeightedMisfit, starts: list[FloatArray], box: Box) -> list[FloatArray]:
-    """Starts moved inside the box, where the model has an answer."""
-    moved = [box.parameters(box.coordinates(start)) for start in starts]
-    kept = [start for start in moved if np.isfinite(misfit.values(start)).all()]
-    if not kept:
-        raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
-    return kept
 
 
 _C1, _C2 = (SOIL_PARAMETERS.index(name) for name in ("c1", "c2"))

@@ -155,22 +155,16 @@ def _side_by_side(fits: Mapping[str, Fit], study: Study) -> Table:
     known = ("truth" if reference is study.truth else "published",) if reference else ()
     lines = []
     for name, unit in report_table(fits).drop_duplicates("parameter")[["parameter", "unit"]].itertuples(index=False):
-        stated = (
-            [f"{v / PARAMETERS[name].scale:.4g}" if (v := reference.values.get(name)) is not None else ""]
-            if reference
-            else []
-        )
-        lines.append((_label(name), unit, *(_cell(fit, name) for fit in fits.values()), *stated))
+        value = reference.values.get(name) if reference else None
+        stated = ["" if value is None else f"{value / PARAMETERS[name].scale:.4g}"] if reference else []
+        channel = CHANNELS.get(name.removeprefix("error_"))
+        symbol = f"error of {channel.symbol}" if channel else PARAMETERS[name].symbol
+        lines.append((symbol, unit, *(_cell(fit, name) for fit in fits.values()), *stated))
     header = ("parameter", "unit", *(fit.method for fit in fits.values()), *known)
     emulated = any(fit.solver != "converged" for fit in fits.values())
     title = "Least squares as by lsqcurvefit, an emulation" if emulated else "Least squares"
     title = f"{title}: {study.title}" if study.title else title
     return Table(title, "ll" + "r" * (len(header) - 2), header, tuple(lines))
-
-
-def _label(name: str) -> str:
-    channel = name.removeprefix("error_")
-    return PARAMETERS[name].symbol if name in PARAMETERS else f"error of {CHANNELS[channel].symbol}"
 
 
 def _cell(fit: Fit, name: str) -> str:
@@ -253,14 +247,6 @@ def locate(
     return {method: _standing(posterior, method, values, median, draw_densities) for method, values in points.items()}
 
 
-def _completed(posterior: Posterior, median: Mapping[str, float], values: Mapping[str, float]) -> dict[str, float]:
-    completed = {**median, **values}
-    if "Ks" in values and "kphi" in posterior.names and "kphi" not in values:
-        kc = {**posterior.prior.fixed, **completed}["kc"]
-        completed["kphi"] = values["Ks"] - kc / posterior.prior.width
-    return completed
-
-
 def _standing(
     posterior: Posterior,
     method: str,
@@ -268,7 +254,10 @@ def _standing(
     median: Mapping[str, float],
     draw_densities: FloatArray,
 ) -> PointEstimate:
-    names, completed = posterior.names, _completed(posterior, median, values)
+    names, completed = posterior.names, {**median, **values}
+    if "Ks" in values and "kphi" in names and "kphi" not in values:
+        kc = {**posterior.prior.fixed, **completed}["kc"]
+        completed["kphi"] = values["Ks"] - kc / posterior.prior.width
     x = np.array([[completed[name] for name in names]])
     reason = int(posterior.reasons(x)[0])
     density = float(posterior.log_density(x)[0])

@@ -82,7 +82,12 @@ class Overrides:
     def __post_init__(self) -> None:
         for table in (self.hold, self.start, self.lower, self.upper):
             for name, value in (table or {}).items():
-                _check(name, value)
+                if name not in MODEL_PARAMETERS:
+                    known = ", ".join(MODEL_PARAMETERS)
+                    raise StudyError(f"least squares knows no parameter {name!r} (one of {known})")
+                check_number(name, value)
+                if not np.isfinite(value):
+                    raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
 
     def over(self, study: Study) -> Overrides:
         """These, completed from the study."""
@@ -101,14 +106,6 @@ class Overrides:
             delta,
             self.solver,
         )
-
-
-def _check(name: str, value: float) -> None:
-    if name not in MODEL_PARAMETERS:
-        raise StudyError(f"least squares knows no parameter {name!r} (one of {', '.join(MODEL_PARAMETERS)})")
-    check_number(name, value)
-    if not np.isfinite(value):
-        raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
 
 
 def _held_by_study(study: Study) -> dict[str, float]:

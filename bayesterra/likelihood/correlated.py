@@ -101,13 +101,14 @@ class CorrelatedLikelihood(Likelihood):
             return ""
         numbers, doubts = np.array(self.observations.rows), []
         sd = float(np.median(self.sizes(len(soil), noise_values)[:, -1]))
-        near, off = self.near_bends(sd), self.beyond_first_order(soil, noise_values, sd) > OFF
-        bends = self.forward.model.bends(self.forward.conditions)
+        bends, off = self.forward.model.bends(self.forward.conditions), self.beyond_first_order(soil, noise_values, sd)
+        # rows whose slip, as it was read, may lie on the other side of a transition slip
+        near = (np.abs(self.forward.conditions.slip[:, None] - bends) < NEAR * sd).any(axis=1)
         ends = " and ".join(f"{slip:g}" for slip in np.unique(bends[~np.isnan(bends)]))
         if near.any():
             doubts.append(f"{_rows(numbers[near])} within {NEAR:g} sd of the transition slips {ends}")
-        if off.any():
-            doubts.append(f"{_rows(numbers[off])}, off by more than {OFF:.0%} of the scatter of a reading")
+        if (off > OFF).any():
+            doubts.append(f"{_rows(numbers[off > OFF])}, off by more than {OFF:.0%} of the scatter of a reading")
         if not doubts:
             return ""
         where = "; ".join(doubts)
@@ -121,11 +122,6 @@ class CorrelatedLikelihood(Likelihood):
     def joint_law(self, soil: FloatArray, noise_values: FloatArray) -> TableLaw:
         """Law of the whole table at soils with an answer in every row in use."""
         return self.law(soil, self.forward(soil), noise_values)
-
-    def near_bends(self, sd: float) -> BoolArray:
-        """Rows (m,) whose slip, read with an error ``sd``, may lie on the other side of a transition slip."""
-        rows = self.forward.conditions
-        return np.asarray((np.abs(rows.slip[:, None] - self.forward.model.bends(rows)) < NEAR * sd).any(axis=1))
 
     def beyond_first_order(self, soil: FloatArray, noise_values: FloatArray, sd: float) -> FloatArray:
         """Error of the first order in errors of slip in mean and scatter of a row's readings, (m,).

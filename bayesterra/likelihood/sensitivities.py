@@ -356,16 +356,12 @@ def _spread_slopes(posterior: Posterior, local: Sensitivities) -> tuple[FloatArr
     for i, noise in enumerate(posterior.likelihood.noise):
         own = has_own_sd(posterior.likelihood, noise)
         if noise.fraction is not None:
-            rate = _fraction_rate(noise, local.values[:, :, i], own)
+            # derivative of max(fraction |μ|, floor) by μ
+            predicted, fraction = local.values[:, :, i], float(noise.fraction)
+            above = (fraction * np.abs(predicted) > noise.floor) & ~own
+            rate = np.where(above, fraction * np.sign(predicted), 0.0)
             by_x[:, :, i] = rate[..., None] * local.by_parameter[:, :, i]
             by_load[:, :, i] = rate * local.by_load[:, :, i]
         elif noise.parameter is not None:
             by_x[:, :, i, posterior.names.index(noise.parameter)] = np.where(own, 0.0, 1.0)
     return by_x, by_load
-
-
-def _fraction_rate(noise: Noise, predicted: FloatArray, own: BoolArray) -> FloatArray:
-    """Derivative (n, m) of max(fraction |μ|, floor) by μ."""
-    fraction = float(noise.fraction or 0.0)
-    above = (fraction * np.abs(predicted) > noise.floor) & ~own
-    return np.where(above, fraction * np.sign(predicted), 0.0)

@@ -109,7 +109,12 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
             alone.append([group_coordinates(family, g, x, rng) for g, x in enumerate(own.values())])
             ensembles.append(warmed_up(family, D, L, WALKERS, WARM_UPS, rng))
         for sweeps in SWEEPS:
-            laws = [_moved(family, *pair, sweeps, rng) for pair in zip(ensembles, alone, strict=True)]
+            laws: list[OuterLaws] = []
+            for ensemble, apart in zip(ensembles, alone, strict=True):  # fitted to where an ensemble went
+                D, L, _ = ensemble.run(sweeps)
+                D, L = D.reshape(-1, D.shape[-1]), np.moveaxis(L, 1, 0).reshape(family.groups, -1, L.shape[-1])
+                ensemble.laws = fit_laws(family, D, L, rng)
+                laws.append(outer_laws(family, ensemble.laws, apart, D, L, rng))
             evidence = _evidence(family, laws, rng)
             if evidence is not None and evidence.reliable and evidence.error < SURE:
                 break
@@ -124,15 +129,6 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
 def _some(chain: FloatArray, rng: Generator) -> FloatArray:
     flat = chain.reshape(-1, chain.shape[-1])
     return flat[rng.choice(len(flat), size=min(STARTS, len(flat)), replace=False)]
-
-
-def _moved(family: JointFamily, ensemble: PooledEnsemble, alone: Draws, sweeps: int, rng: Generator) -> OuterLaws:
-    """Laws to weigh with, fitted to where an ensemble went."""
-    D, L, _ = ensemble.run(sweeps)
-    flat = D.reshape(-1, D.shape[-1])
-    own = np.moveaxis(L, 1, 0).reshape(family.groups, len(flat), -1)
-    ensemble.laws = fit_laws(family, flat, own, rng)
-    return outer_laws(family, ensemble.laws, alone, flat, own, rng)
 
 
 def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator) -> FloatArray:

@@ -44,7 +44,11 @@ def branch_of(log: Log, plate: float | None) -> Branch:
     smooth = _running_mean(force - air)
     top = int(np.argmax(smooth))
     branch = (np.arange(len(force)) >= contact) & (np.arange(len(force)) <= top)
-    loop = branch & _unloaded(smooth, noise)
+    # a loop lies between a greatest load so far and its return, where it falls by a tenth and by noise meanwhile
+    most = np.maximum.accumulate(smooth)
+    stretch = np.cumsum(smooth >= most)
+    deep = np.unique(stretch[smooth < 0.9 * most - 4 * noise])
+    loop = branch & np.isin(stretch, deep) & (smooth < most)
     loading = branch & ~loop
     zero = float(np.median(sinkage[contact - 2 : contact + 3])) if contact else 0.0
     readings = _independent(sinkage[loading] - zero, force[loading] - air)
@@ -74,15 +78,6 @@ def _contact(force: FloatArray) -> tuple[int, float, float]:
     parts = np.array([part.mean() for part in np.array_split(force[: int(0.95 * contact)], 10)])
     level = np.ptp(parts) < 0.005 * (smooth.max() - start)
     return (contact, float(parts.mean()), noise) if level else (0, 0.0, noise)
-
-
-def _unloaded(smooth: FloatArray, noise: float) -> BoolArray:
-    """Samples (m,) between a greatest load so far and its return, where it falls by a tenth and by noise meanwhile."""
-    most = np.maximum.accumulate(smooth)
-    newest = smooth >= most
-    stretch = np.cumsum(newest)
-    deep = np.unique(stretch[smooth < 0.9 * most - 4 * noise])
-    return np.isin(stretch, deep) & ~newest
 
 
 def _running_mean(values: FloatArray, width: int = 5) -> FloatArray:

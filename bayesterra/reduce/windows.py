@@ -78,7 +78,11 @@ def windows_of(log: Log, settings: Settings) -> tuple[Window, ...]:
     windows = []
     for first, end in states:
         window = _window(log.name, time, series, slice(first, end), fastest, settings)
-        windows += _settled(window, Window(log.name, float(time[first]), float(time[end - 1])))
+        state = Window(log.name, float(time[first]), float(time[end - 1]))
+        if not window.rejected and window.start > state.start:  # what of a commanded state was not steady yet
+            why = "settling: not steady together with what follows"
+            windows.append(replace(state, end=window.start, rejected=why))
+        windows.append(window)
     for i in range(len(windows) - 1, 0, -1):  # starts and stops are told in one line
         before, this = windows[i - 1], windows[i]
         if this.rejected and this.rejected == before.rejected:
@@ -161,13 +165,6 @@ def _step(means: FloatArray, noise: FloatArray, least: FloatArray, shortest: int
     clear = size * np.sqrt(k * (n - k) / n) / noise[:, None]
     clear[size <= least[:, None]] = 0.0
     return int(k[clear.max(axis=0).argmax()]) if clear.max() > CLEAR else 0
-
-
-def _settled(window: Window, state: Window) -> list[Window]:
-    """The window, and before it what of its commanded state was not steady yet."""
-    if window.rejected or window.start <= state.start:
-        return [window]
-    return [replace(state, end=window.start, rejected="settling: not steady together with what follows"), window]
 
 
 def _window(

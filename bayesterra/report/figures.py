@@ -252,15 +252,11 @@ def density(draws: FloatArray, along: Axis, n: int = 200) -> FloatArray:
     if inside.size < 2:
         return np.zeros(n)
     counts, edges = np.histogram(inside, bins=BINS, range=(0.0, 1.0))
-    smooth = _smoothed(counts.astype(np.float64), _width(inside) * BINS)
+    spread = min(float(inside.std()), float(np.ptp(np.quantile(inside, [0.25, 0.75]))) / 1.34)
+    width = float(0.9 * max(spread, 1.0 / BINS) * min(inside.size, 4000) ** -0.2)
+    smooth = _smoothed(counts.astype(np.float64), width * BINS)
     heights = np.interp(np.linspace(0, 1, n), 0.5 * (edges[1:] + edges[:-1]), smooth)
     return np.asarray(heights / heights.max())
-
-
-def _width(position: FloatArray) -> float:
-    quartiles = np.quantile(position, [0.25, 0.75])
-    spread = min(float(position.std()), float(quartiles[1] - quartiles[0]) / 1.34)
-    return float(0.9 * max(spread, 1.0 / BINS) * min(position.size, 4000) ** -0.2)
 
 
 def _smoothed(counts: FloatArray, width: float) -> FloatArray:

@@ -240,7 +240,10 @@ def fit_mixture(
     spread = np.sqrt(weights @ (u - centre) ** 2)
     scale = np.where(spread > 0, spread, 1.0)
     points = _Points.of((u - centre) / scale, weights)
-    mixture, level = _start(points, components, rng, dof), -np.inf
+    # centres on points drawn by weight, each with the points' own covariance shrunk by the number
+    means = points.z[rng.choice(len(points.z), size=components, p=points.weights)]
+    factors = np.repeat(root(points.spread)[None] * components ** (-1.0 / u.shape[1]), components, axis=0)
+    mixture, level = StudentMixture(np.full(components, 1.0 / components), means, factors, dof), -np.inf
     for _ in range(steps):
         distances = mixture.distances(points.z)
         total, share = _shares(mixture.log_terms(distances))
@@ -298,15 +301,6 @@ def _spread(centred: FloatArray, weights: FloatArray) -> FloatArray:
     """Covariance (d, d) of centred weighted points, kept positive definite."""
     covariance = (centred * weights[:, None]).T @ centred
     return np.asarray(covariance + np.diag(1e-9 * np.diagonal(covariance) + 1e-300))
-
-
-def _start(points: _Points, components: int, rng: Generator, dof: float) -> StudentMixture:
-    """Centres on points drawn by weight, each with the points' own covariance shrunk by the number."""
-    d = points.z.shape[1]
-    means = points.z[rng.choice(len(points.z), size=components, p=points.weights)]
-    factor = root(points.spread) * components ** (-1.0 / d)
-    factors = np.repeat(factor[None], components, axis=0)
-    return StudentMixture(np.full(components, 1.0 / components), means, factors, dof)
 
 
 def _maximise(

@@ -85,8 +85,11 @@ def descend(problem: Problem, y: FloatArray, held: BoolArray, most: int = MOST) 
         y[going[better]], value[going[better]] = new[better], level[better]
         over = (promised < problem.digits) & (damping[going] <= 1e-2) | (damping[going] > STIFF)
         damping[going] *= np.select([~better, ratio < 0.25, ratio > 0.75], [6.0, 2.0, 0.15], 1.0)
-        local = _renewed(problem, local, y[going], better, ~over)
-        going = going[~over]
+        local, going = Local(local.slope[~over], local.curvature[~over]), going[~over]
+        anew = np.flatnonzero(better[~over])
+        if anew.size:  # models are made anew where points have moved
+            renewed = problem.local(y[going[anew]])
+            local.slope[anew], local.curvature[anew] = renewed.slope, renewed.curvature
     return Ends(y, value)
 
 
@@ -98,16 +101,6 @@ def _damped(
     curvature = local.curvature + extra[:, :, None] * np.eye(y.shape[1])
     slack = np.maximum(problem.slack(y), 0.0)
     return steps(curvature, local.slope, rows=problem.rows, slack=slack, held=held, shift=shift)
-
-
-def _renewed(problem: Problem, local: Local, y: FloatArray, moved: BoolArray, kept: BoolArray) -> Local:
-    """The models of the points kept, anew where they have moved."""
-    slope, curvature = local.slope.copy(), local.curvature.copy()
-    anew = np.flatnonzero(moved & kept)
-    if anew.size:
-        new = problem.local(y[anew])
-        slope[anew], curvature[anew] = new.slope, new.curvature
-    return Local(slope[kept], curvature[kept])
 
 
 ROUNDS = 25

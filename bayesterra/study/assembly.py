@@ -316,16 +316,12 @@ def conditioned(observations: Observations, drive: Drive, *, expected: bool = Fa
     elif drive.latent_load and has_load:
         notes.append(f"load is not used, as the drive '{drive}' infers it from the readings")
     if not drive.latent_load:
-        return _with_condition(observations, drive), notes
+        ((channel, given),) = drive.conditioned(observations).items()
+        if np.isnan(given).all():
+            raise StudyError(f"the drive '{drive}' needs a column {drive.needed} with values")
+        problems = [_condition_problem(channel, v, row) for v, row in zip(given, observations.rows, strict=True)]
+        return sifted(observations, problems), notes
     return observations if expected else _with_readings(observations, drive), notes
-
-
-def _with_condition(observations: Observations, drive: Drive) -> Observations:
-    ((channel, values),) = drive.conditioned(observations).items()
-    if np.isnan(values).all():
-        raise StudyError(f"the drive '{drive}' needs a column {drive.needed} with values")
-    problems = [_condition_problem(channel, v, row) for v, row in zip(values, observations.rows, strict=True)]
-    return sifted(observations, problems)
 
 
 def _with_readings(observations: Observations, drive: Drive) -> Observations:

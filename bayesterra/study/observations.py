@@ -487,8 +487,12 @@ def _problem(
         unit = columns["slip"].stated
         got = f"got {typed('slip', slip)}{became}{unit if became else ''}, row {row}"
         return f"'slip' must lie in [0, {1 / columns['slip'].scale:g}){unit} ({got}){percent}"
+    # a wheel pulls less than it carries
+    loads = np.concatenate([rows.load, rows.values.get("normal_force", rows.load[:0])])
+    carried = np.abs(loads[np.isfinite(loads) & (np.abs(loads) <= MOST_LOAD)])
+    greatest = MOST * float(carried.max(initial=10.0)) * max(1.0, radius)
     for name, column in {"load": rows.load, **rows.values}.items():
-        most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(name, _most(rows, radius))
+        most = {"load": MOST_LOAD, "normal_force": MOST_LOAD, "sinkage": radius}.get(name, greatest)
         if abs(column[index]) > most and not (name == "sinkage" and column[index] > 0):
             return f"'{name}' must lie within ±{typed(name, most)} (got {typed(name, column[index])}, row {row})"
     if load <= 0:
@@ -497,10 +501,3 @@ def _problem(
         below, got = typed("sinkage", radius), typed("sinkage", sinkage)
         return f"'sinkage' must be below the wheel radius {below} (got {got}, row {row})"
     return None
-
-
-def _most(rows: Observations, radius: float) -> float:
-    """Greatest pull (N) or moment (N m) beside such loads; a wheel pulls less than it carries."""
-    loads = np.concatenate([rows.load, rows.values.get("normal_force", rows.load[:0])])
-    carried = np.abs(loads[np.isfinite(loads) & (np.abs(loads) <= MOST_LOAD)])
-    return MOST * float(carried.max(initial=10.0)) * max(1.0, radius)

@@ -140,7 +140,9 @@ def loaded(stated: Mapping[str, object], where: str, *, bare: bool) -> Any:
             " in Python by allow_code=True, if you trust it"
         )
     try:
-        made: Any = _imported(module)
+        if (here := str(Path.cwd())) not in sys.path:  # a module is installed or in the working directory
+            sys.path.append(here)
+        made: Any = import_module(module)
         for part in path.split("."):
             made = getattr(made, part)
         return made(**keywords)
@@ -153,11 +155,3 @@ def stating(made: Any) -> dict[str, object]:
     """How a study file states an object of one's own: by its class, and by its fields where it is a dataclass."""
     fields = asdict(made) if is_dataclass(made) and not isinstance(made, type) else {}
     return {"use": f"{type(made).__module__}:{type(made).__qualname__}", **fields}
-
-
-def _imported(module: str) -> Any:
-    """The module, installed or in the working directory."""
-    here = str(Path.cwd())
-    if here not in sys.path:
-        sys.path.append(here)
-    return import_module(module)

@@ -151,7 +151,12 @@ def taken(source: Source, names: Sequence[str] = PRIOR_PARAMETERS, tied: Collect
     fidelity = _fidelity(tuple(take), scores, matrix, size)
     mixture, tried = None, None
     if fidelity.difference > CLEAR * fidelity.noise and np.linalg.eigvalsh(matrix)[0] > SINGULAR:
-        mixture, tried = _mixture(tuple(take), scores, matrix, size)
+        mixture, halves = fit_mixture_copula(scores[:: max(1, round(len(scores) / size))])
+        away = [  # how far either half is from draws of the fit to the other
+            _shares(unseen, matrix) - _shares(fit.sample(SIMULATED, np.random.default_rng(0)), matrix)
+            for fit, unseen in halves
+        ]
+        tried = _compared(tuple(take), np.mean(away, axis=0), matrix, min(size, TRIED))
         mixture = mixture if tried.difference < fidelity.difference else None
     bound = [name for name in take if name in tied] if mixture is not None else []
     mixture = None if bound else mixture
@@ -162,7 +167,12 @@ def taken(source: Source, names: Sequence[str] = PRIOR_PARAMETERS, tied: Collect
     }
     pairs = combinations(enumerate(laws), 2)
     correlation = {entries.pair(a, b): round(float(matrix[i, j]), 6) for (i, a), (j, b) in pairs}
-    notes = _notes(drawn, take, fidelity, mixture, tried)
+    notes = [] if drawn.converged else [f"{drawn.label}, whose posterior is a prior here, has not converged"]
+    stiff = [name for name in ("Ks", "kphi") if name in take]
+    if stiff and "n0" not in take:
+        notes.append(f"{stiff[0]} is taken from {drawn.label} without its exponent: its unit changes with n0")
+    if fidelity.poor or mixture is not None:
+        notes.append(say.plain("stand", drawn.label, fidelity, mixture, tried))
     if bound:
         notes.append(f"{bound[0]} has stated correlations, so {drawn.label} gives these, not a mixture")
     rest = (correlation, fidelity, tuple(notes), mixture, tried)
@@ -274,27 +284,3 @@ def _compared(names: tuple[str, ...], away: FloatArray, matrix: FloatArray, size
     leading = np.argsort(-np.abs(np.linalg.eigh(matrix)[1][:, narrow]))[:2]
     pair = tuple(names[i] for i in sorted(leading))
     return Fidelity(pair, float(off.max()), NOISE / float(np.sqrt(size)))
-
-
-def _mixture(
-    names: tuple[str, ...], scores: FloatArray, matrix: FloatArray, size: float
-) -> tuple[MixtureCopula, Fidelity]:
-    """A mixture copula of nearly independent scores, and its fidelity, by the fit to the other half."""
-    mixture, halves = fit_mixture_copula(scores[:: max(1, round(len(scores) / size))])
-    away = [
-        _shares(unseen, matrix) - _shares(fit.sample(SIMULATED, np.random.default_rng(0)), matrix)
-        for fit, unseen in halves
-    ]
-    return mixture, _compared(names, np.mean(away, axis=0), matrix, min(size, TRIED))
-
-
-def _notes(
-    drawn: Drawn, take: Mapping[str, str], fidelity: Fidelity, mixture: MixtureCopula | None, tried: Fidelity | None
-) -> list[str]:
-    notes = [] if drawn.converged else [f"{drawn.label}, whose posterior is a prior here, has not converged"]
-    if {"Ks", "kphi"} & set(take) and "n0" not in take:
-        name = next(name for name in ("Ks", "kphi") if name in take)
-        notes.append(f"{name} is taken from {drawn.label} without its exponent: its unit changes with n0")
-    if fidelity.poor or mixture is not None:
-        notes.append(say.plain("stand", drawn.label, fidelity, mixture, tried))
-    return notes
