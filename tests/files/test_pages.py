@@ -49,7 +49,7 @@ ELEMENTS = {
     "html", "head", "meta", "title", "style", "body", "header", "h1", "h2", "h3", "p", "span", "main",
     "section", "article", "nav", "ol", "ul", "li", "a", "table", "thead", "tbody", "tr", "th", "td", "figure",
     "figcaption", "div", "img", "footer", "b", "i", "sub", "sup", "code", "svg", "g", "path", "rect",
-    "circle", "line", "text", "br", "em", "strong", "details", "summary", "small", "dl", "dt", "dd",
+    "circle", "line", "text", "br", "em", "strong", "caption", "details", "summary", "small", "dl", "dt", "dd",
 }  # fmt: skip
 """All that the templates use; the texts above would add others."""
 HELD = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 268.0, "K": 0.0101, "c1": 0.339, "c2": -0.017}

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-import typer
 from markupsafe import escape
 
 import bayesterra as bt
@@ -19,7 +18,6 @@ from bayesterra.analysis import run as analysis_run
 from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import read_result
 from bayesterra.analysis.run import load_result
-from bayesterra.cli import run as run_command
 from bayesterra.errors import ResultError
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
 from bayesterra.parameters import field_values
@@ -288,9 +286,7 @@ def test_command_writes_the_folder_and_says_what_it_found(
     """As ``bayesterra run`` does it, from the study's file on; the sampling itself stands above."""
     write_study(make(), tmp_path)
     monkeypatch.setattr(analysis_run, "run_pooled", lambda study, **how: result)
-    with pytest.raises(typer.Exit) as left:
-        run_command(tmp_path, out=tmp_path / "out", quiet=True)
-    assert left.value.exit_code == 0
+    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert "Sampling: converged" in printed
     assert "A second solution that no ensemble found would not show." in printed
