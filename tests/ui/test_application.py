@@ -314,8 +314,13 @@ def test_the_whole_path_in_a_browser_and_a_run_that_was_killed(tmp_path: Path) -
     with page_of(folder) as (_, url), opened() as page:
         page.open(url)
         page.wait("document.querySelector('#jobs a')", 600)
-        page.click("#jobs a")
-        page.wait("document.querySelector('iframe.report')?.contentDocument?.querySelector('.verdicts article')")
+        until = time.monotonic() + 60
+        while not page.run("location.pathname.startsWith('/result/')") and time.monotonic() < until:
+            page.click("#jobs a, .verdicts a")  # the list may just be renewed under the mouse
+            time.sleep(2)
+        page.wait(
+            "document.querySelector('iframe.report')?.contentDocument?.querySelector('.verdicts article') != null"
+        )
         page.open(url.split("/?")[0] + "/what-if/driven-result")
         before = page.run("document.querySelector('#bands').innerText")
         page.fill("load", "100")
