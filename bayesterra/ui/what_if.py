@@ -179,6 +179,10 @@ class WhatIf:
         if measured and not 0.999 * measured[0] <= setting.normal <= 1.001 * measured[1]:
             named = " to ".join(dict.fromkeys(f"{end:.4g}" for end in measured))
             notes.append(f"load {setting.normal:.4g} N is not among the measured loads, {named} N: extrapolated")
+        if self.study.errors.discrepancy:
+            notes.append(
+                "the error of the model that the study states is not in these bands: 'bayesterra predict' adds it"
+            )
         if unanswered > 0:
             notes.append(f"{100 * unanswered:.0f} % of the draws have no answer there")
         return notes

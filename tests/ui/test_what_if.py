@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from copy import copy
 from dataclasses import replace
 from math import cos, radians, sin
 
@@ -11,6 +12,7 @@ import pytest
 
 from bayesterra.errors import StudyError
 from bayesterra.prediction.prediction import predict, quantiles
+from bayesterra.study.model_errors import Discrepancy, Size
 from bayesterra.study.result import Result
 from bayesterra.ui.what_if import CURVE, DRAWS, Setting, WhatIf
 
@@ -49,6 +51,17 @@ def test_what_was_not_driven_is_said(held: WhatIf) -> None:
     notes = " ".join(held.answer(Setting(0.75, 120.0, "Wh32")).notes)
     assert "slip 0.75 lies outside" in notes
     assert "120 N is not among" in notes
+
+
+def test_a_stated_error_of_the_model_is_said_to_be_left_out(held: WhatIf) -> None:
+    """Bands are of the model alone, whatever the study says of its error."""
+    errors = replace(held.study.errors, discrepancy={"sinkage": Discrepancy("sinkage", Size(1e-3), 0.2)})
+    stated = copy(held)
+    stated.study = copy(held.study)
+    object.__setattr__(stated.study, "errors", errors)
+    setting = Setting(0.3, 80.0, "Wh32")
+    (note,) = stated.answer(setting).notes
+    assert note.startswith("the error of the model that the study states is not in these bands")
 
 
 def test_sliders_stay_between_their_ends(held: WhatIf) -> None:
