@@ -29,7 +29,7 @@ from bayesterra.report.sections import render
 from bayesterra.report.verdicts import SIGNS
 from bayesterra.ui.folder import SAVED, Entry, Folder, checked_entry, write_record
 from bayesterra.ui.guard import MOST_BODY, REPORT_POLICY, Address, Guard
-from bayesterra.ui.jobs import RUNNING, Job, Queue
+from bayesterra.ui.jobs import RUNNING, VERBS, Job, Queue
 
 if TYPE_CHECKING:
     from bayesterra.study.study import Study
@@ -136,11 +136,11 @@ class Site:
         elif len(names) != 1:
             raise StudyError("choose a study or a result first")
         else:
-            stem = names[0].removesuffix(".toml").removesuffix("-result")
-            out = f"{stem}-{'design' if verb == 'design' else 'result'}"
+            out = f"{names[0].removesuffix('.toml').removesuffix('-result')}-{VERBS.get(verb, 'result')}"
         for name in names:
             self.folder.opened(name)
         options = [f"--{key}={form[key].strip()}" for key in ("seed", "number") if form.get(key, "").strip()]
+        options += ["--prior-only"] if form.get("prior-only") else []
         job = Job(verb, tuple(names), self.folder.free(out), tuple(options))
         job.command(self.folder)
         return job
@@ -262,6 +262,11 @@ class Site:
 
         prior = run_prior(loaded(self.folder, path, prior_only=True))
         return self.part("prior.html", panels=prior_panels(prior), overview=prior.overview())
+
+    async def discard_draft(self, request: Request) -> Response:
+        """Remove a draft, and show what is left."""
+        await run_in_threadpool(self.folder.discard_draft, request.path_params["number"])
+        return await self.lists(request)
 
     async def save_draft(self, request: Request) -> Response:
         """Make a folder of the study, which the command line opens as well."""
@@ -412,12 +417,15 @@ class Site:
         return self.part("bands.html", **shown)
 
     def _answers(self, first: WhatIf, beside: str, form: Mapping[str, str]) -> dict[str, Any]:
+        from bayesterra.ui.what_if import widest
+
         setting = first.checked(form)
-        shown = [(first.name, first.answer(setting))]
+        settings = [(first, setting)]
         if beside:
             second = self.held(beside)
-            shown.append((second.name, second.answer(second.checked({**form, "wheel": setting.wheel}))))
-        return {"setting": setting, "answers": shown}
+            settings.append((second, second.checked({**form, "wheel": setting.wheel})))
+        scales = widest([held.scales(each) for held, each in settings])
+        return {"setting": setting, "answers": [(held.name, held.answer(each, scales)) for held, each in settings]}
 
     def held(self, name: str) -> WhatIf:
         """A result with its draws ready, from memory where it was opened before and has not changed since."""
@@ -448,6 +456,7 @@ def shown_result(entry: Entry) -> SimpleNamespace:
     sentence = record.get("sentence")
     return SimpleNamespace(
         name=entry.name, kind=entry.kind, title=entry.title, page=entry.page, cards=cards, grade=worst,
+        made=str(record.get("made", ""))[:16].replace("T", " "),
         sentence=sentence if isinstance(sentence, str) else "",
     )  # fmt: skip
 
@@ -520,7 +529,8 @@ def application(folder: Folder, address: Address, most: int = MOST_BODY) -> tupl
         get("/draft/{number}", site.draft), post("/draft/{number}", site.change_draft),
         get("/draft/{number}/check", site.check_draft), post("/draft/{number}/text", site.rewrite_draft),
         post("/draft/{number}/tests", site.attach), post("/draft/{number}/prior", site.prior_of_draft),
-        post("/draft/{number}/save", site.save_draft), get("/study/{name}", site.study),
+        post("/draft/{number}/save", site.save_draft), post("/draft/{number}/discard", site.discard_draft),
+        get("/study/{name}", site.study),
         post("/study/{name}/prior", site.prior_of_study), post("/study/{name}/copy", site.copy),
         post("/logs", site.begin_log), get("/logs/{number}", site.log), post("/logs/{number}", site.change_log),
         post("/logs/{number}/rows", site.save_log), get("/result/{name}", site.result),

@@ -9,7 +9,7 @@ from typing import Any
 from markupsafe import Markup
 
 from bayesterra.errors import BayesterraError
-from bayesterra.parameters import PARAMETERS
+from bayesterra.parameters import PARAMETERS, in_order
 from bayesterra.report.blocks import Blocks, Cell, Table, Text
 from bayesterra.report.symbols import letters
 from bayesterra.study.observations import read_table
@@ -17,7 +17,7 @@ from bayesterra.study.priors import Entry
 from bayesterra.study.schema import read_toml
 from bayesterra.study.study import SOIL_TEST_FILE, STUDY_FILE, Study, load_soil_test, load_study
 from bayesterra.ui.folder import Folder
-from bayesterra.ui.picture import law_picture, study_panels
+from bayesterra.ui.picture import law_picture, study_panels, wheel_looks
 
 MOST_ROWS = 30
 """Rows of a table that are shown where it is not understood yet."""
@@ -45,10 +45,14 @@ def checked(folder: Folder, path: Path) -> dict[str, Any]:
             "warnings": (),
             "blocks": _typed(folder, path),
             "panels": (),
+            "wheels": (),
         }
     warnings = tuple(block for block in overview if isinstance(block, Text) and block.text.startswith("Warning:"))
     blocks = tuple(block for block in overview if block not in warnings)
-    return {"study": study, "error": "", "warnings": warnings, "blocks": blocks, "panels": study_panels(study)}
+    return {
+        "study": study, "error": "", "warnings": warnings, "blocks": blocks, "panels": study_panels(study),
+        "wheels": wheel_looks(study),
+    }  # fmt: skip
 
 
 def _said(message: str, path: Path) -> str:
@@ -78,8 +82,8 @@ def laws(entries: Mapping[str, Entry]) -> list[dict[str, Any]]:
     from bayesterra.likelihood.page import stated_law
 
     shown = []
-    for name, entry in entries.items():
-        quantity = PARAMETERS[name]
+    for name in in_order(entries):
+        quantity, entry = PARAMETERS[name], entries[name]
         shown.append({
             "name": name, "symbol": letters(quantity.symbol), "meaning": quantity.description,
             "unit": "" if quantity.unit == "-" else quantity.unit, "law": _stated(stated_law, name, entry),

@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
+from bayesterra.report.numbers import given
 
 NOTHING = Markup("")
 TICKS = 5
@@ -126,7 +127,7 @@ class Panel:
         for value in ticks(*self.x):
             x = float(self.across([value])[0])
             parts.append(
-                Markup('<text class="tick middle" x="{:.1f}" y="{:.1f}">{:g}</text>').format(x, base + 14, value)
+                Markup('<text class="tick middle" x="{:.1f}" y="{:.1f}">{}</text>').format(x, base + 14, given(value))
             )
         for value in ticks(*self.y):
             y = float(self.up([value])[0])
@@ -134,7 +135,7 @@ class Panel:
                 Markup('<line class="grid" x1="{:g}" x2="{:g}" y1="{:.1f}" y2="{:.1f}"/>').format(LEFT, end, y, y)
             )
             parts.append(
-                Markup('<text class="tick end" x="{:.1f}" y="{:.1f}">{:g}</text>').format(LEFT - 5, y + 3.5, value)
+                Markup('<text class="tick end" x="{:.1f}" y="{:.1f}">{}</text>').format(LEFT - 5, y + 3.5, given(value))
             )
         middle = (LEFT + end) / 2
         parts.append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import secrets
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -178,6 +179,10 @@ class Folder:
         open_ = [path for path in found if not (path / SAVED).exists()]
         latest = sorted(open_, key=lambda path: -path.stat().st_mtime)[:MOST_DRAFTS]
         return [Entry(path.name, "draft", _title(path)) for path in latest]
+
+    def discard_draft(self, number: str) -> None:
+        """Remove a draft that its maker does not want any more; what was saved of it stays."""
+        shutil.rmtree(self.draft(number))
 
     def begin_draft(self) -> Path:
         """A new, empty folder for a draft."""

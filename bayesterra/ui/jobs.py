@@ -26,10 +26,14 @@ from bayesterra.ui.folder import Folder, checked_entry, write_record
 QUEUE = "queue.json"
 WAITING, RUNNING, DONE, FAILED, STOPPED = "waiting", "running", "done", "failed", "stopped"
 NOT_CONVERGED, INTERRUPTED = 3, 130
-VERBS = ("run", "soiltest", "compare", "design")
+VERBS = {
+    "run": "result", "soiltest": "result", "compare": "comparison", "design": "design",
+    "identify": "identifiability", "holdout": "holdout", "calibrate": "calibration",
+}  # fmt: skip
+"""Commands that a job may be, and what their folders are called by."""
 OPTIONS = re.compile(r"--(seed|number|load|about)=[\w .,]{1,60}|--overwrite|--prior-only")
 """Options that a job may have, each with its value."""
-RESUMABLE = ("run", "design")
+RESUMABLE = ("run", "design", "calibrate")
 """Commands that go on with what was saved."""
 STALE = 20.0
 """Seconds after which a status that nobody writes again is that of a process that is gone."""
@@ -52,6 +56,11 @@ class Job:
     state: str = WAITING
     said: str = ""
     """Last words of a command that failed."""
+
+    @property
+    def how(self) -> str:
+        """Options in words."""
+        return ", ".join(option.removeprefix("--").replace("-", " ").replace("=", " ") for option in self.options)
 
     def command(self, folder: Folder) -> list[str]:
         """Arguments of the command line."""

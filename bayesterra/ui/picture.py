@@ -10,6 +10,7 @@ from markupsafe import Markup
 from bayesterra.analysis.result import PriorResult
 from bayesterra.arrays import FloatArray
 from bayesterra.parameters import CHANNELS, PARAMETERS
+from bayesterra.report.numbers import given
 from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
@@ -59,6 +60,12 @@ def _sd(noise: Noise | None, rows: Observations, name: str) -> FloatArray:
     return scale
 
 
+def wheel_looks(study: Study) -> list[tuple[str, str]]:
+    """Wheels and the looks of their readings, where there are several."""
+    names = list(study.wheels)
+    return [(name, f"shade{i % SHADES}") for i, name in enumerate(names)] if len(names) > 1 else []
+
+
 def study_panels(study: Study) -> list[Markup]:
     """Readings over slip, a panel for every measured channel."""
     panels = []
@@ -104,7 +111,12 @@ def law_picture(name: str, entry: Entry) -> Markup:
 
 def _range(law: Law, scale: float) -> str:
     low, high = (float(value) / scale for value in law.quantile(np.array([0.05, 0.95])))
-    return f"{low:.3g} to {high:.3g}"
+    return f"{_end(low)} to {_end(high)}"
+
+
+def _end(value: float) -> str:
+    """An end of a range, to three digits."""
+    return given(float(f"{value:.3g}"))
 
 
 def _small(panel: Panel, x: FloatArray, y: FloatArray) -> Markup:
@@ -116,9 +128,9 @@ def _small(panel: Panel, x: FloatArray, y: FloatArray) -> Markup:
     return Markup(
         '<svg class="law" viewBox="0 0 {w:g} {h:g}" role="img" aria-label="{alt}">'
         '<polygon class="density" points="4,{base} {points} {end:g},{base}"/>'
-        '<text class="tick" x="2" y="{h:g}" dy="-3">{low:.3g}</text>'
-        '<text class="tick end" x="{w:g}" y="{h:g}" dx="-2" dy="-3">{high:.3g}</text></svg>'
+        '<text class="tick" x="2" y="{h:g}" dy="-3">{low}</text>'
+        '<text class="tick end" x="{w:g}" y="{h:g}" dx="-2" dy="-3">{high}</text></svg>'
     ).format(
-        w=panel.width, h=panel.height, alt=panel.alt, base=base, points=points, end=panel.width - 4, low=float(x[0]),
-        high=float(x[-1]),
+        w=panel.width, h=panel.height, alt=panel.alt, base=base, points=points, end=panel.width - 4, low=_end(x[0]),
+        high=_end(x[-1]),
     )  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import cos, radians, sin
@@ -26,6 +26,7 @@ DRAWS = 1000
 CURVE = np.array([0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8])
 MOST_SLIP, STEEPEST, ALIKE = 0.8, 30.0, 0.05
 """Ends of the sliders; share of the load by which readings of another load stand back."""
+Scales = dict[str, tuple[float, float]]
 CALLED = {"sinkage": "sinkage", "drawbar_pull": "pull", "resistance_moment": "moment"}
 
 
@@ -42,6 +43,11 @@ class Setting:
     def normal(self) -> float:
         """Load across the slope, N."""
         return self.load * cos(radians(self.slope))
+
+    @property
+    def carried(self) -> float:
+        """Load across the slope to six digits, by which answers are kept."""
+        return float(f"{self.normal:.6g}")
 
     @property
     def downhill(self) -> float:
@@ -119,15 +125,29 @@ class WhatIf:
         values, unanswered = self._modelled(wheel, (slip,), load)
         return quantiles(values[:, 0]), unanswered, values[:, 0]
 
-    def answer(self, setting: Setting) -> Answer:
-        """Bands and figures at a setting."""
-        load = float(f"{setting.normal:.6g}")
-        curves, _ = self._curves(setting.wheel, load)
-        at, unanswered, values = self._at(setting.wheel, load, setting.slip)
+    def scales(self, setting: Setting) -> Scales:
+        """Ends of the axis of every panel at a setting, so that results side by side may share theirs."""
+        curves, _ = self._curves(setting.wheel, setting.carried)
+        own = np.array([wheel == setting.wheel for wheel in self.study.observations.wheel], dtype=bool)
+        return {
+            name: ends(*(curves[[1, 3], :, i] / PREDICTED[name].scale), self._measured(name)[own], [0.0])
+            for i, name in enumerate(Drive.LOAD.outcomes)
+        }
+
+    def _measured(self, name: str) -> FloatArray:
+        """Readings of a channel in its field unit, NaN where there is none."""
+        rows = self.study.observations
+        return np.asarray(rows.values.get(name, np.full(len(rows), np.nan)) / PREDICTED[name].scale)
+
+    def answer(self, setting: Setting, scales: Scales | None = None) -> Answer:
+        """Bands and figures at a setting; ``scales``: ends of the axes, by default its own."""
+        scales = scales or self.scales(setting)
+        curves, _ = self._curves(setting.wheel, setting.carried)
+        at, unanswered, values = self._at(setting.wheel, setting.carried, setting.slip)
         names = list(Drive.LOAD.outcomes)
         driven = self.study.observations.used().slip
         span = (float(driven.min()), float(driven.max())) if len(driven) else (0.0, 0.0)
-        panels = tuple(self._panel(name, curves[:, :, i], setting, span) for i, name in enumerate(names))
+        panels = tuple(self._panel(name, curves[:, :, i], setting, span, scales[name]) for i, name in enumerate(names))
         rows = tuple(
             (
                 CALLED[name],
@@ -141,12 +161,12 @@ class WhatIf:
         holds = f"{100 * chance:.0f} %"
         return Answer(panels, rows, holds, tuple(self._notes(setting, span, float(unanswered[0]))))
 
-    def _panel(self, name: str, curve: FloatArray, setting: Setting, span: tuple[float, float]) -> Markup:
+    def _panel(
+        self, name: str, curve: FloatArray, setting: Setting, span: tuple[float, float], y: tuple[float, float]
+    ) -> Markup:
         channel, rows = PREDICTED[name], self.study.observations
         field = curve / channel.scale
-        measured = rows.values.get(name, np.full(len(rows), np.nan)) / channel.scale
         own = np.array([wheel == setting.wheel for wheel in rows.wheel], dtype=bool)
-        y = ends(field[1], field[3], measured[own], [0.0])
         panel = Panel(
             f"{channel.description} over slip, bands of 50 and 90 % of the draws",
             (0.0, MOST_SLIP),
@@ -186,6 +206,11 @@ class WhatIf:
         if unanswered > 0:
             notes.append(f"{100 * unanswered:.0f} % of the draws have no answer there")
         return notes
+
+
+def widest(scales: Sequence[Scales]) -> Scales:
+    """Ends that hold those of every result."""
+    return {name: (min(each[name][0] for each in scales), max(each[name][1] for each in scales)) for name in scales[0]}
 
 
 def rounded_in(channel: str, value: float) -> str:

@@ -78,7 +78,7 @@ class Page:
     def click(self, selector: str) -> None:
         """Click with the mouse at the middle of an element, once it is there."""
         self.wait(f"document.readyState == 'complete' && document.querySelector({selector!r})")
-        self.run(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center'}})")
+        self.run(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center', behavior: 'instant'}})")
         middle = f"(r => [r.x + r.width / 2, r.y + r.height / 2])(document.querySelector({selector!r})"
         box = self.run(f"{middle}.getBoundingClientRect())")
         for kind in ("mousePressed", "mouseReleased"):

@@ -32,6 +32,8 @@ FORM = {
     "wheels/0/shearing_radius_coefficient": "0.65",
     "model": "M1", "drive": "load", "data/slip_reference": "shearing", "priors/set": "paper-box",
 }  # fmt: skip
+SD = {"sinkage": "1 mm", "drawbar_pull": "1.5 N", "resistance_moment": "0.3 N m"}
+NOISE = {f"noise/{name}/{key}": value for name, sd in SD.items() for key, value in (("form", "sd"), ("sd", sd))}
 SCRIPT = "<script>alert(1)</script>"
 
 
@@ -44,7 +46,9 @@ def test_a_table_becomes_a_study_that_the_command_line_opens(client: Client, fol
     """What the table cannot say is asked for, live; the rest is understood."""
     draft = client.draft(TABLE)
     assert "[wheels.Wheel1] needs" in told(client.get(f"{draft}/check").text)
-    assert "157.35 mm" not in client.get(draft).text
+    form = client.get(draft).text
+    assert "157.35 mm" not in form
+    assert '<form id="study" novalidate' in form  # else nothing is sent, and no message changes, before all is typed
     answer = client.post(
         draft, {**FORM, "sampling/target_ess": "500", "noise/sinkage/form": "sd", "noise/sinkage/sd": "1 mm"}
     )
@@ -59,6 +63,33 @@ def test_a_table_becomes_a_study_that_the_command_line_opens(client: Client, fol
     assert study.noise["sinkage"].sd == pytest.approx(1e-3)
     assert study.wheels["Wh32"].lug_count == 30
     assert client.post(f"{draft}/save", {"name": "mine"}).status == 422
+
+
+def test_a_draft_may_be_thrown_away(client: Client, folder: Path) -> None:
+    """It is gone from the list, and nothing else is."""
+    first, second = client.draft(TABLE), client.draft(TABLE)
+    before = sorted(path.name for path in folder.iterdir())
+    left = client.post(f"{first}/discard", {}).text
+    assert second in left
+    assert first not in left
+    assert "not there any more" in client.get(first).text
+    assert client.post("/draft/..%2F..%2Fhit-wh32/discard", {}).status in (404, 422)
+    assert client.get(second).status == 200
+    assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_questions_of_a_study_are_commands(client: Client) -> None:
+    """What the rows could determine, and a calibration: each a command with its options, in a folder of its name."""
+    client.post("/jobs", {"verb": "identify", "subject": "hit-wh32", "prior-only": "1"})
+    client.post("/jobs", {"verb": "calibrate", "subject": "hit-wh32", "number": "20"})
+    jobs = client.site.queue.jobs
+    assert [(job.verb, job.out, job.options) for job in jobs] == [
+        ("identify", "hit-wh32-identifiability", ("--prior-only",)),
+        ("calibrate", "hit-wh32-calibration", ("--number=20",)),
+    ]
+    assert [job.how for job in jobs] == ["prior only", "number 20"]
+    for job in jobs:
+        client.post(f"/jobs/{job.number}/stop", {})
 
 
 def test_priors_groups_and_text_of_a_study(client: Client, folder: Path) -> None:
@@ -79,6 +110,7 @@ def test_priors_groups_and_text_of_a_study(client: Client, folder: Path) -> None
     form |= {"priors/c/form": "fixed", "priors/c/value": "1 kPa", "pooling/by": "wheel", "pooling/K": "hierarchical"}
     answer = client.post(draft, form)
     assert "The study is understood" in answer.text, told(answer.text)[:500]
+    assert answer.text.count('class="key shade') == 2
     assert client.post(f"{draft}/save", {"name": "pooled"}).status == 303
     study = load_study(folder / "pooled")
     assert study.pooling is not None
@@ -289,7 +321,7 @@ def test_the_whole_path_in_a_browser_and_a_run_that_was_killed(tmp_path: Path) -
         page.drop("#table", HIT / "measurements.csv")
         page.click("form[action='/tables'] button")
         page.wait("location.pathname.startsWith('/draft/') && document.querySelector('#understood .warning')")
-        for name, value in {**FORM, "sampling/target_ess": "500"}.items():
+        for name, value in {**FORM, "sampling/target_ess": "500", **NOISE}.items():
             page.fill(name, value)
         page.wait("document.querySelector('#understood .good')")
         page.click("#prior-predictive button")

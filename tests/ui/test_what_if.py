@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from copy import copy
 from dataclasses import replace
@@ -14,7 +15,7 @@ from bayesterra.errors import StudyError
 from bayesterra.prediction.prediction import predict, quantiles
 from bayesterra.study.model_errors import Discrepancy, Size
 from bayesterra.study.result import Result
-from bayesterra.ui.what_if import CURVE, DRAWS, Setting, WhatIf
+from bayesterra.ui.what_if import CURVE, DRAWS, Answer, Setting, WhatIf, widest
 
 
 @pytest.fixture(scope="module")
@@ -85,3 +86,16 @@ def test_a_move_takes_less_than_a_tenth_of_a_second(held: WhatIf) -> None:
         return time.process_time() - start
 
     assert min(map(seconds, np.linspace(71, 89, 7))) < 0.1
+
+
+def test_results_side_by_side_share_their_axes(held: WhatIf) -> None:
+    """Two loads, as two results would be: each ends where the wider one does."""
+    light, heavy = Setting(0.3, 60.0, "Wh32"), Setting(0.3, 160.0, "Wh32")
+    shared = widest([held.scales(light), held.scales(heavy)])
+    assert shared["sinkage"][1] == held.scales(heavy)["sinkage"][1] > held.scales(light)["sinkage"][1]
+    assert shared["drawbar_pull"][0] == min(held.scales(each)["drawbar_pull"][0] for each in (light, heavy))
+
+    def ticks(answer: Answer) -> list[str]:
+        return re.findall(r'<text class="tick end"[^>]*>([^<]*)', answer.panels[0])
+
+    assert ticks(held.answer(light, shared)) == ticks(held.answer(heavy, shared)) != ticks(held.answer(light))
