@@ -11,7 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.folds import Fold
-from bayesterra.checking.levels import parts_of, places, predicted, ways
+from bayesterra.checking.levels import parts_of, places, predicted, untested, ways
 from bayesterra.checking.loo import without_levels
 from bayesterra.checking.predictive_checks import uncalibrated_checks
 from bayesterra.checking.validation import fit_verdict, prediction_verdict
@@ -43,7 +43,7 @@ def judged(result: PooledResult, seed: int) -> PooledResult:
         fit or unknown_verdict("Fit", failures.said("predictive_checks")),
         prediction or unknown_verdict("Prediction", failures.said("levels")),
     )
-    record = {**result.record, "verdicts": [verdict.record() for verdict in verdicts]}
+    record = {**result.record, "verdicts": [verdict.record() for verdict in verdicts], "untested": untested(study)}
     found = replace(result, record=with_failures(record, failures))
     return replace(found, record={**found.record, "sentence": found.sentence})
 

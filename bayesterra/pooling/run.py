@@ -6,12 +6,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal, Required
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.random import SeedSequence, default_rng
+from pydantic import ConfigDict, Field
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
@@ -59,6 +60,28 @@ PoolingEntry = TypedDict(  # noqa: UP013
 )
 
 
+class VerdictEntry(TypedDict, total=False):
+    """A verdict that was judged when the run ended."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[misc]
+
+    name: Required[str]
+    word: Required[str]
+    grade: Required[Literal["good", "doubtful", "bad", "note"]]
+    sentence: Required[str]
+    claim: str
+    figures: dict[str, Any]
+    thresholds: dict[str, Any]
+
+
+class PooledRecord(result.StudyRecord):
+    """The content of ``run.json`` of a run with groups."""
+
+    pooling: PoolingEntry
+    verdicts: list[VerdictEntry] = Field(default_factory=list)
+    untested: list[str] = Field(default_factory=list)
+
+
 @dataclass(frozen=True, kw_only=True, repr=False)
 class PooledResult(result.Result):
     """The outcome of a run with pooling; everything its report shows.
@@ -76,7 +99,7 @@ class PooledResult(result.Result):
     """
 
     TABLES = ("summary", "pooling", "sharing", "left_out")
-    RECORD = result.StudyRecord.having(pooling=PoolingEntry)
+    RECORD = PooledRecord
     VIEW = "bayesterra.pooling.page:pooled"
 
     pooling: pd.DataFrame
@@ -98,7 +121,8 @@ class PooledResult(result.Result):
     @property
     def sentence(self) -> str:
         """What may be quoted of the result."""
-        return quotable(self.verdicts, f"{len(self.groups)} groups, {', '.join(self.groups)}", ())
+        groups = f"{len(self.groups)} groups, {', '.join(self.groups)}"
+        return quotable(self.verdicts, groups, self.record.get("untested", ()))
 
     @property
     def groups(self) -> tuple[str, ...]:

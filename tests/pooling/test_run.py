@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
@@ -360,3 +361,22 @@ def test_what_did_not_converge_beside_it_hides_no_worse(result: PooledResult, *,
     said = "complete pooling did not converge"
     assert told.verdicts[0].grade == ("doubtful" if converged else "bad")
     assert told.verdicts[0].claim == (said if converged else f"the sampling has not converged; {said}")
+
+
+def test_what_was_not_tested_stands_in_the_sentence_and_a_spoilt_record_is_refused(
+    result: PooledResult, tmp_path: Path
+) -> None:
+    """As for one wheel; verdicts that another program wrote are not taken for ours."""
+    said = replace(result, record={**result.record, "untested": ["other loads were not tested"]})
+    assert said.sentence == "These intervals hold for 2 groups, Wh11, Wh32; other loads were not tested."
+    said.save(tmp_path / "out")
+    record = json.loads((tmp_path / "out" / "run.json").read_text(encoding="utf-8"))
+    read = PooledResult.RECORD
+    read.check(record, "run.json")
+    for name, spoilt in (
+        ("untested", 5),
+        ("verdicts", [{"name": "Fit", "word": "fits", "grade": "green", "sentence": ""}] * 2),
+        ("verdicts", [{"name": "Fit", "word": "fits", "grade": "good", "sentence": "", "more": 1}] * 2),
+    ):
+        with pytest.raises(ValueError, match=f"run.json: {name}"):
+            read.check({**record, name: spoilt}, "run.json")
