@@ -24,42 +24,47 @@ def whole(small_result: Result) -> Export:
     return Export(result=small_result, asked=asked, methods=True, bibtex=True)
 
 
-def test_files_have_the_numbers_and_captions_of_the_page(whole: Export, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def saved(whole: Export, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder of it."""
+    folder = tmp_path_factory.mktemp("export") / "out"
+    whole.save(folder)
+    return folder
+
+
+def test_files_have_the_numbers_and_captions_of_the_page(whole: Export, saved: Path) -> None:
     """Numbers run without a gap; every table in both formats, every picture of a figure in both."""
-    whole.save(tmp_path / "out")
     html = whole.result.page().html()
     for word, kind in (("Table", Table), ("Figure", Gallery)):
         numbers = [block.number for block in whole.numbered.values() if isinstance(block, kind)]
         assert numbers == [*range(1, len(numbers) + 1)]
         assert numbers == [int(number) for number in re.findall(rf"<b>{word} (\d+)\.</b>", html)]
         assert len(numbers) > 3
-    captions = read_json(tmp_path / "out" / "export.json")["captions"]
+    captions = read_json(saved / "export.json")["captions"]
     for name, block in whole.numbered.items():
         assert captions[name] == text_of(block.caption)
         if isinstance(block, Table):
-            assert all((tmp_path / "out" / f"{name}.{kind}").is_file() for kind in ("tex", "csv"))
+            assert all((saved / f"{name}.{kind}").is_file() for kind in ("tex", "csv"))
         else:
-            assert len([*(tmp_path / "out").glob(f"{name}*.pdf")]) == len(block.pictures)
-            assert all(file.read_bytes().startswith(b"%PDF") for file in (tmp_path / "out").glob(f"{name}*.pdf"))
-            assert all(b"<svg" in file.read_bytes() for file in (tmp_path / "out").glob(f"{name}*.svg"))
+            assert len([*saved.glob(f"{name}*.pdf")]) == len(block.pictures)
+            assert all(file.read_bytes().startswith(b"%PDF") for file in saved.glob(f"{name}*.pdf"))
+            assert all(b"<svg" in file.read_bytes() for file in saved.glob(f"{name}*.svg"))
 
 
-def test_a_table_is_read_back_as_the_page_shows_it(whole: Export, tmp_path: Path) -> None:
+def test_a_table_is_read_back_as_the_page_shows_it(whole: Export, saved: Path) -> None:
     """Cells and columns in their order."""
-    whole.save(tmp_path / "out")
     name, block = next((n, b) for n, b in whole.numbered.items() if isinstance(b, Table) and "Posterior" in b.caption)
     assert isinstance(block, Table)
-    back = read_csv(tmp_path / "out" / f"{name}.csv")
+    back = read_csv(saved / f"{name}.csv")
     assert back.shape == (len(block.rows), len(block.header))
     assert back.iloc[:, 0].tolist() == [text_of(row[0]) for row in block.rows]
 
 
-def test_draws_are_those_of_the_result(whole: Export, tmp_path: Path) -> None:
+def test_draws_are_those_of_the_result(whole: Export, saved: Path) -> None:
     """To the last digit, as JSON and as CSV, with their units."""
-    whole.save(tmp_path / "out")
     table = whole.result.to_dataframe()
-    content = json.loads((tmp_path / "out" / "draws.json").read_text())
-    back = read_csv(tmp_path / "out" / "draws.csv")
+    content = json.loads((saved / "draws.json").read_text())
+    back = read_csv(saved / "draws.csv")
     for name in whole.result.names:
         np.testing.assert_array_equal(content["draws"][name], table[name])
         np.testing.assert_array_equal(back[name], table[name])

@@ -79,7 +79,7 @@ def without_levels(study: Study, by: str = "slip") -> tuple[tuple[Fold, ...], di
     return folds, cross_validate(density, draws, SeedSequence(1), rests(study, {by: folds}))[1]
 
 
-@pytest.mark.parametrize("errors", [{}, {"slip": {"sd": 0.01}}])
+@pytest.mark.parametrize("errors", [{}, pytest.param({"slip": {"sd": 0.01}}, marks=pytest.mark.slow)])
 def test_the_posterior_without_a_level_is_that_of_the_other_rows(
     make_study: MakeStudy, make_table: MakeTable, errors: dict[str, Any]
 ) -> None:

@@ -29,7 +29,10 @@ LIMITS = TABLE.assign(**{name: pd.Series(cells, dtype=object) for name, cells in
 Case = tuple[Study, Posterior]
 
 
-@pytest.fixture(name="case", params=["discrepancy", "ripple", "ripple and slip", "all"])
+DISCREPANCY = pytest.param("discrepancy", marks=pytest.mark.slow)
+
+
+@pytest.fixture(name="case", params=[DISCREPANCY, "ripple", "ripple and slip", "all"])
 def fixture_case(request: pytest.FixtureRequest) -> Case:
     """Five readings known by a limit, of which errors of the model or of slip tie several to each other."""
     study = joined("phi", "n0", data=LIMITS, **CASES[request.param])
@@ -87,7 +90,7 @@ def test_a_row_is_given_all_others(case: Case) -> None:
         assert rows[0, i] == pytest.approx(whole - others, abs=0.12)
 
 
-@pytest.mark.parametrize("name", ["discrepancy", "all"])
+@pytest.mark.parametrize("name", [DISCREPANCY, "all"])
 def test_errors_are_drawn_as_the_limits_allow(name: str) -> None:
     """Mean and spread at every row, against draws given the numbers of which those beyond the limits stay."""
     study = joined("phi", "n0", data=LIMITS, **CASES[name])

@@ -67,7 +67,7 @@ def log_densities(laws: list[Written], cells: IntArray) -> FloatArray:
     )
 
 
-@pytest.mark.parametrize("few_rows", [2, 20], ids=["weights", "new samplings"])
+@pytest.mark.parametrize("few_rows", [2, pytest.param(20, marks=pytest.mark.slow)], ids=["weights", "new samplings"])
 def test_leave_one_out_is_that_of_the_joint_law(few_rows: int) -> None:
     """Every row predicted by all others, by sums over a grid; so are the probabilities of its channels."""
     _, density, laws = one_angle()
