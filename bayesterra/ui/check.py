@@ -17,7 +17,7 @@ from bayesterra.study.priors import Entry
 from bayesterra.study.schema import read_toml
 from bayesterra.study.study import SOIL_TEST_FILE, STUDY_FILE, Study, load_soil_test, load_study
 from bayesterra.ui.folder import Folder
-from bayesterra.ui.picture import law_picture, study_panels, wheel_looks
+from bayesterra.ui.picture import law_picture, looks, study_panels
 
 MOST_ROWS = 30
 """Rows of a table that are shown where it is not understood yet."""
@@ -45,13 +45,13 @@ def checked(folder: Folder, path: Path) -> dict[str, Any]:
             "warnings": (),
             "blocks": _typed(folder, path),
             "panels": (),
-            "wheels": (),
+            "looks": (),
         }
     warnings = tuple(block for block in overview if isinstance(block, Text) and block.text.startswith("Warning:"))
     blocks = tuple(block for block in overview if block not in warnings)
     return {
         "study": study, "error": "", "warnings": warnings, "blocks": blocks, "panels": study_panels(study),
-        "wheels": wheel_looks(study),
+        "looks": looks(study),
     }  # fmt: skip
 
 

@@ -15,12 +15,15 @@ from bayesterra.stats.laws import Law
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 from bayesterra.study.priors import Entry
+from bayesterra.study.soil_tests import LEVELS, PATHS, STRESSES, SoilTest
 from bayesterra.study.study import Study
 from bayesterra.ui.drawing import Panel, ends
 
 SHADES = 6
 """Looks by which wheels are told apart."""
 POINTS = 121
+MOST_MARKS = 1000
+"""Readings of a series of soil tests that are drawn, evenly spaced."""
 TAIL = 0.001
 
 
@@ -60,20 +63,44 @@ def _sd(noise: Noise | None, rows: Observations, name: str) -> FloatArray:
     return scale
 
 
-def wheel_looks(study: Study) -> list[tuple[str, str]]:
-    """Wheels and the looks of their readings, where there are several."""
-    names = list(study.wheels)
-    return [(name, f"shade{i % SHADES}") for i, name in enumerate(names)] if len(names) > 1 else []
+def looks(study: Study) -> list[tuple[str, str]]:
+    """What the looks of readings mean: wheels, and plates or stresses of soil tests, where there are several."""
+    named = [list(study.wheels), *(_level_names(test) for test in study.soil_tests.values())]
+    return [(name, f"shade{i % SHADES}") for names in named if len(names) > 1 for i, name in enumerate(names)]
+
+
+def _level_names(test: SoilTest) -> list[str]:
+    """What sets the tests of a series apart, in field units."""
+    channel = LEVELS[test.kind]
+    levels = np.unique(test.readings.level) / channel.scale
+    return [f"{test.name}: {channel.description} {given(float(f'{level:.4g}'))} {channel.unit}" for level in levels]
+
+
+def _soil_test_panel(test: SoilTest) -> Panel:
+    """Readings of a series of soil tests: the answer of the soil over the way into it, or along it."""
+    found, path, stress = test.readings, PATHS[test.kind], STRESSES[test.kind]
+    across, up = found.path / path.scale, found.stress / stress.scale
+    panel = Panel(
+        f"{stress.description} over {path.description}: {len(up)} readings of {len(found.tests)} tests {test.name}",
+        ends(across), ends(up), f"{test.name}: {path.description} [{path.unit}]",
+        f"{stress.description} [{stress.unit}]",
+    )  # fmt: skip
+    levels = np.unique(found.level)
+    for i in range(0, len(up), 1 + len(up) // MOST_MARKS):
+        look = f"reading shade{int(np.searchsorted(levels, found.level[i])) % SHADES}"
+        title = f"{found.tests[found.test[i]]}: {up[i]:.4g} {stress.unit} at {across[i]:.4g} {path.unit}"
+        panel.mark(float(across[i]), float(up[i]), look, title)
+    return panel
 
 
 def study_panels(study: Study) -> list[Markup]:
-    """Readings over slip, a panel for every measured channel."""
-    panels = []
+    """Readings over slip, a panel for every measured channel; then those of soil tests, a panel for every series."""
+    driven = []
     for name in study.noise:
         panel = _panel(study, name)
         with_readings(panel, study, name)
-        panels.append(panel.svg())
-    return panels
+        driven.append(panel.svg())
+    return [*driven, *(_soil_test_panel(test).svg() for test in study.soil_tests.values())]
 
 
 def prior_panels(prior: PriorResult) -> list[Markup]:

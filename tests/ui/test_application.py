@@ -143,7 +143,15 @@ def test_soil_tests_alone_are_a_study(client: Client, folder: Path, kind: str) -
     plates = "test,plate_diameter [mm],sinkage [mm],pressure [kPa]\np,100,5,10\np,100,10,19\nq,200,5,9\nq,200,10,16\n"
     rings = "test,normal_stress [kPa],displacement [mm],shear_stress [kPa]\na,5,2,1\na,5,9,2\nb,9,2,2\nb,9,9,4\n"
     answer = client.upload("/tables", "t.csv", (plates if kind == "plate" else rings).encode(), {"kind": kind})
-    assert "The study is understood" in client.get(f"{answer.location}/check").text
+    shown = client.get(f"{answer.location}/check").text
+    assert "The study is understood" in shown
+    levels, reading = {
+        "plate": (("plate radius 50 mm", "plate radius 100 mm"), "q: 9 kPa at 5 mm"),
+        "shear": (("normal stress 5 kPa", "normal stress 9 kPa"), "b: 4 kPa at 9 mm"),
+    }[kind]
+    assert all(level in shown for level in levels)
+    assert f"<title>{reading}</title>" in shown
+    assert shown.count('class="reading shade0"') == shown.count('class="reading shade1"') == 2
     assert client.post(f"{answer.location}/save", {"name": "alone"}).status == 303
     assert not load_study(folder / "alone").wheels
 
