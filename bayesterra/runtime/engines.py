@@ -14,6 +14,7 @@ import signal
 import sys
 import threading
 import time
+import traceback
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from concurrent import futures
 from contextlib import contextmanager
@@ -56,8 +57,8 @@ class Engine(futures.Executor):
         """A task as it is handed to workers."""
         return pickle.dumps(task)
 
-    def meaning(self, error: Exception) -> Exception:
-        """The error of a future as the package says it; BrokenExecutor where every worker died."""
+    def meaning(self, error: Exception) -> Exception | None:
+        """The error of a future as the package says it; BrokenExecutor: every worker died; None: an answer was lost."""
         return error
 
     def __exit__(
@@ -311,7 +312,10 @@ def _elsewhere(content: bytes, todo: Iterator[N], engine: Engine) -> Iterator[li
                 try:
                     outcomes.append((number, future.result()))
                 except Exception as error:
-                    failure = failure or _meaning(error, number, engine)
+                    if (meaning := _meaning(error, number, engine)) or failure:
+                        failure = failure or meaning
+                    else:
+                        waiting[engine.submit(run_packed, content, number)] = number
             if outcomes:
                 yield outcomes
             for future in list(waiting) if failure else ():
@@ -324,7 +328,7 @@ def _elsewhere(content: bytes, todo: Iterator[N], engine: Engine) -> Iterator[li
         raise failure
 
 
-def _meaning(error: Exception, number: object, engine: Engine) -> Exception:
+def _meaning(error: Exception, number: object, engine: Engine) -> Exception | None:
     meaning = engine.meaning(error)
     if not isinstance(meaning, futures.BrokenExecutor):
         return meaning
@@ -412,10 +416,14 @@ class DaskCluster(Engine):
             future: futures.Future[T] = self._executor.submit(function, *arguments, **keywords)
         return future
 
-    def meaning(self, error: Exception) -> Exception:
+    def meaning(self, error: Exception) -> Exception | None:
         """What the error of a future means."""
         from distributed import KilledWorker
 
+        for place, _ in traceback.walk_tb(error.__traceback__):
+            last = place  # where it was raised
+        if last.f_globals["__name__"] == "distributed.cfexecutor" and last.f_locals.get("typ") is not type(error):
+            return None  # a worker died with an answer that had just been reported, and the executor stumbles
         if isinstance(error, KilledWorker):
             return futures.BrokenExecutor(str(error))
         if isinstance(error, futures.CancelledError):

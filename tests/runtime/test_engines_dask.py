@@ -1,13 +1,17 @@
 """A Dask cluster on loopback: two worker processes compute what one process does, also when one is killed."""
 
+import asyncio
 import signal
 import sys
 import time
 from collections.abc import Callable
+from concurrent import futures
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import pytest
+from distributed.cfexecutor import _cascade_future
 
 import bayesterra as bt
 from bayesterra.__main__ import main
@@ -98,6 +102,42 @@ def test_a_task_that_kills_every_worker_is_named(cluster: Cluster, tmp_path: Pat
         pytest.raises(EngineError, match="task 3: every worker that took it died"),
     ):
         sums(Deadly(tmp_path), engine)
+
+
+class Lost:
+    """A future of distributed that had an answer until its worker died, just before it was handed over."""
+
+    status = "lost"
+
+    def __init__(self, answer: object) -> None:
+        self._answer = answer
+
+    async def _result(self, raiseit: bool = False) -> object:
+        return self._answer
+
+
+async def handed_over(future: Lost) -> futures.Future[Any]:
+    """What the client's executor makes of it."""
+    answer: futures.Future[Any] = futures.Future()
+    await _cascade_future(future, answer)
+    return answer
+
+
+@pytest.mark.parametrize("answer", [3.0, (1.0, 2.0, 3.0)])
+def test_an_answer_that_is_lost_on_its_way_is_asked_for_again(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, answer: object
+) -> None:
+    """Its task runs again; an error of a task, also of the same kind, is the task's."""
+    cluster.start_worker()
+    with dask_cluster(cluster.address) as engine:
+        submit, lost = engine.submit, [asyncio.run(handed_over(Lost(answer))) for _ in range(2)]
+        monkeypatch.setattr(engine, "submit", lambda *task: lost.pop() if lost else submit(*task))
+        assert sums(Sums(tmp_path), engine) == sums(Sums(tmp_path), in_process())
+        assert not lost
+        own = asyncio.run(handed_over(Lost((TypeError, TypeError("cannot unpack"), None))))
+        with pytest.raises(TypeError, match="cannot unpack") as raised:
+            own.result()
+        assert engine.meaning(raised.value) is raised.value
 
 
 def test_who_has_another_version_is_named(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
