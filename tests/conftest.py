@@ -51,6 +51,21 @@ def pytest_configure(config: pytest.Config) -> None:
     config.add_cleanup(Path(file.name).unlink)
 
 
+DEAR = (
+    "analysis/test_soil_tests_page", "pooling/test_run", "likelihood/test_likelihood_latent_load", "files/test_files",
+    "likelihood/test_correlated_limits", "identifiability/test_profiles_of_wheels", "analysis/test_export",
+    "checking/test_validation_discrepancy", "analysis/test_page", "files/test_pages", "prediction/test_prediction",
+    "design/test_recommendation", "package/test_commands_soil_tests", "follow/test_session",
+)  # fmt: skip
+"""Files that take longest: they come first, so that no process is left with one of them at the end."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Order of files, in which processes take them."""
+    items.sort(key=lambda item: not item.nodeid.startswith(tuple(f"tests/{name}.py" for name in DEAR)))
+
+
 @pytest.hookimpl(tryfirst=True)
 def pytest_runtestloop(session: pytest.Session) -> None:
     """Wait for the models, where tests run: else every process would compile them."""

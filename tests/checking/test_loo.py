@@ -79,6 +79,7 @@ def grid(study: Study) -> Grid:
     return Grid(posterior(study))
 
 
+@pytest.mark.slow
 def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
     """With few rows every row is sampled anew, and its elpd is that of the grid within its small error."""
     density = posterior(study)

@@ -102,6 +102,7 @@ def test_the_search_finds_what_a_poor_profile_misses(eight: tuple[Posterior, Pro
     assert beaten_by(density, poor, "likelihood", 1) > 0.3
 
 
+@pytest.mark.slow
 def test_profiles_do_not_depend_on_the_starts(eight: tuple[Posterior, Profiles]) -> None:
     """Other random starts, or draws near the truth, lead to the same intervals; most points are confirmed."""
     density, found = eight

@@ -29,10 +29,10 @@ LIMITS = TABLE.assign(**{name: pd.Series(cells, dtype=object) for name, cells in
 Case = tuple[Study, Posterior]
 
 
-DISCREPANCY = pytest.param("discrepancy", marks=pytest.mark.slow)
+DISCREPANCY, ALL = (pytest.param(name, marks=pytest.mark.slow) for name in ("discrepancy", "all"))
 
 
-@pytest.fixture(name="case", params=[DISCREPANCY, "ripple", "ripple and slip", "all"])
+@pytest.fixture(name="case", params=[DISCREPANCY, "ripple", "ripple and slip", ALL])
 def fixture_case(request: pytest.FixtureRequest) -> Case:
     """Five readings known by a limit, of which errors of the model or of slip tie several to each other."""
     study = joined("phi", "n0", data=LIMITS, **CASES[request.param])

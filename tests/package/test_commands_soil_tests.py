@@ -121,6 +121,7 @@ def by_weights(study: Study, seed: SeedSequence) -> Fitted:
     return Fitted(x[systematic(weights / weights.sum(), 400, rng)], 400.0, 1.0, True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_studies_with_soil_tests_are_calibrated(kind: str) -> None:
     """Readings of wheel and plates are simulated anew; quantities of the wheel where there is one."""
