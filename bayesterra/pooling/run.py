@@ -6,13 +6,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal, Required
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 from numpy.random import SeedSequence, default_rng
-from pydantic import ConfigDict, Field
+from pydantic import Field
 from typing_extensions import TypedDict
 
 from bayesterra.arrays import FloatArray
@@ -34,7 +34,7 @@ from bayesterra.pooling.degrees import (
     preferred,
 )
 from bayesterra.pooling.evidence import row_terms
-from bayesterra.report.verdicts import Failures, Verdict, quotable, sampling_verdict, with_failures
+from bayesterra.report.verdicts import Failures, Verdict, VerdictEntry, quotable, sampling_verdict, with_failures
 from bayesterra.runtime.checkpoints import CheckpointStore
 from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.runtime.tables import Number
@@ -58,20 +58,6 @@ Degrees = TypedDict(  # noqa: UP013 (as in the records that it is part of)
 PoolingEntry = TypedDict(  # noqa: UP013
     "PoolingEntry", {"by": str, "preferred": str, "sentence": str, "degrees": list[Degrees]}
 )
-
-
-class VerdictEntry(TypedDict, total=False):
-    """A verdict that was judged when the run ended."""
-
-    __pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[misc]
-
-    name: Required[str]
-    word: Required[str]
-    grade: Required[Literal["good", "doubtful", "bad", "note"]]
-    sentence: Required[str]
-    claim: str
-    figures: dict[str, Any]
-    thresholds: dict[str, Any]
 
 
 class PooledRecord(result.StudyRecord):

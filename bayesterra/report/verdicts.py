@@ -10,9 +10,11 @@ import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, Required, TypeVar, overload
 
 from markupsafe import Markup
+from pydantic import ConfigDict
+from typing_extensions import TypedDict
 
 from bayesterra.errors import ResultError, enumerated, in_short, printable
 from bayesterra.report.symbols import in_symbols
@@ -179,6 +181,20 @@ class Verdict:
     def record(self) -> dict[str, Any]:
         """Entry of a record."""
         return {**asdict(self), "sentence": str(self.sentence)}
+
+
+class VerdictEntry(TypedDict, total=False):
+    """Entry of a record for a verdict, as :meth:`Verdict.record` makes it."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[misc]
+
+    name: Required[str]
+    word: Required[str]
+    grade: Required[Literal["good", "doubtful", "bad", "note"]]
+    sentence: Required[str]
+    claim: str
+    figures: dict[str, Any]
+    thresholds: dict[str, Any]
 
 
 def unknown_verdict(name: str, why: str) -> Verdict:

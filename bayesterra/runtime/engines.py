@@ -344,6 +344,8 @@ ABSENCE = 60.0
 """Seconds without any worker after which a cluster is given up: one that died may be started again."""
 CLIENT_SIDE = ("client", "comm", "core", "batched", "utils", "utils_comm")
 """Loggers of distributed that speak where a cluster is asked."""
+EXECUTOR = "distributed.cfexecutor"
+"""Module of the client's executor."""
 ALIKE = ("bayesterra", "numpy", "scipy", "numba", "emcee")
 """Packages that must have one version everywhere, or results may differ."""
 
@@ -420,9 +422,8 @@ class DaskCluster(Engine):
         """What the error of a future means."""
         from distributed import KilledWorker
 
-        for place, _ in traceback.walk_tb(error.__traceback__):
-            last = place  # where it was raised
-        if last.f_globals["__name__"] == "distributed.cfexecutor" and last.f_locals.get("typ") is not type(error):
+        raised = [frame for frame, _ in traceback.walk_tb(error.__traceback__)][-1:]
+        if any(f.f_globals["__name__"] == EXECUTOR and f.f_locals.get("typ") is not type(error) for f in raised):
             return None  # a worker died with an answer that had just been reported, and the executor stumbles
         if isinstance(error, KilledWorker):
             return futures.BrokenExecutor(str(error))
