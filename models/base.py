@@ -66,7 +66,7 @@ class WheelSoilModel(ForwardModel):
     compiled: ClassVar[bool] = True
     source: ClassVar[str] = "Ding et al. 2015"
     parameters: ClassVar[tuple[str, ...]] = SOIL_FIELDS
-    _code: ClassVar[int]
+    _kind: ClassVar[tuple[int, ...]]
 
     def __post_init__(self) -> None:
         first, second = self.transition_slips
@@ -189,7 +189,7 @@ class WheelSoilModel(ForwardModel):
 
     def kernel_inputs(
         self, theta: ArrayLike, conditions: Conditions
-    ) -> tuple[FloatArray, FloatArray, tuple[int, int, bool]]:
+    ) -> tuple[FloatArray, FloatArray, tuple[tuple[int, ...], int, bool]]:
         """See :class:`ForwardModel`: rows are (m, 6), and see `models.kernels` for what stands in them."""
         from bayesterra.models import batch
 
@@ -254,8 +254,8 @@ class WheelSoilModel(ForwardModel):
     def _exponent_slip(self, slip: FloatArray) -> FloatArray:
         return np.zeros_like(slip) if self.constant_exponent else slip
 
-    def _plan(self, *, paired: bool = False, every_row: bool = False) -> tuple[int, int, bool]:
-        return self._code, int(paired), every_row
+    def _plan(self, *, paired: bool = False, every_row: bool = False) -> tuple[tuple[int, ...], int, bool]:
+        return self._kind, int(paired), every_row
 
 
 def _check_sinkage(pairs: _Pairs, wheel: Wheel) -> None:

@@ -8,10 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.forces import SINKAGE
 from bayesterra.models.kernels import drivers
+from bayesterra.models.kernels.evaluation import M2L
 from bayesterra.models.soil import LOAD_EFFECT_FIELDS, Soil
 
 Codes = NDArray[np.int8]
-Plan = tuple[int, int, bool]
+Plan = tuple[tuple[int, ...], int, bool]
 Kernel = Callable[[FloatArray, FloatArray, FloatArray, Plan, FloatArray, Codes], None]
 
 
@@ -66,11 +67,11 @@ def warm_up() -> None:
     """Run every kernel once on a typical soil and wheel."""
     theta = Soil(Ks=2.5e6, n0=0.76, n1=1.3, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3).as_array()[None]
     rows = np.array([[0.2, 0.2, 0.157, 0.165, 0.167, 0.1635]])
-    for model in (1, 2, 3, 4):
-        if model == 4:  # the load effect has parameters and a column of the rows of its own
+    for kind in ((0,), (0, 0), (0, 0, 0)):
+        if len(kind) == M2L:  # the load effect has parameters and a column of the rows of its own
             theta, rows = (
                 np.pad(theta, ((0, 0), (0, len(LOAD_EFFECT_FIELDS)))),
                 np.pad(rows, ((0, 0), (0, 1)), constant_values=80.0),
             )
-        response_jacobian(theta, rows, 80.0, (model, 0, False))
-        components(theta, rows, 0.01, (model, 0, False))
+        response_jacobian(theta, rows, 80.0, (kind, 0, False))
+        components(theta, rows, 0.01, (kind, 0, False))

@@ -109,6 +109,6 @@ class ForwardModel(ABC):
 
     def kernel_inputs(
         self, theta: ArrayLike, conditions: Conditions
-    ) -> tuple[FloatArray, FloatArray, tuple[int, int, bool]]:
-        """Parameter sets, rows and the model's code as compiled code takes them, of a `compiled` model."""
+    ) -> tuple[FloatArray, FloatArray, tuple[tuple[int, ...], int, bool]]:
+        """Parameter sets, rows and the model's kind as compiled code takes them, of a `compiled` model."""
         raise NotImplementedError(f"{self.name} is not compiled")

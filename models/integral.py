@@ -13,7 +13,7 @@ class M1(WheelSoilModel):
     """The integral model, Ding et al. 2015, eqs. (4), (9), (14), (15), to 1e-9 of adaptive quadrature."""
 
     equations: ClassVar[str] = "stresses (4) and (9) integrated along the arc, (14) and (15)"
-    _code: ClassVar[int] = 1
+    _kind: ClassVar[tuple[int, ...]] = (0,)
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         normal = contact.normal_stress(angle)

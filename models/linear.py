@@ -15,7 +15,7 @@ class M2(WheelSoilModel):
     """Linear sigma and tau: CM1, Ding et al. 2015, eqs. (18)-(24)."""
 
     equations: ClassVar[str] = "closed form with linear stresses, (18) to (24)"
-    _code: ClassVar[int] = 2
+    _kind: ClassVar[tuple[int, ...]] = (0, 0)
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         normal, shear = contact.peak_stresses()
@@ -31,7 +31,7 @@ class M3(WheelSoilModel):
     """
 
     equations: ClassVar[str] = "closed form with linear stress cosines, (25) and (26)"
-    _code: ClassVar[int] = 3
+    _kind: ClassVar[tuple[int, ...]] = (1, 1)
 
     def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
         normal, shear = contact.peak_stresses()

@@ -29,7 +29,7 @@ class M2L(WheelSoilModel):
 
     equations: ClassVar[str] = "closed form with linear stresses and the effect of the wheel's load, (42)"
     parameters: ClassVar[tuple[str, ...]] = (*SOIL_FIELDS, *LOAD_EFFECT_FIELDS)
-    _code: ClassVar[int] = 4
+    _kind: ClassVar[tuple[int, ...]] = (0, 0, 0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -428,7 +428,7 @@ def likelihoods(theta: FloatArray, rows: FloatArray, data: Data, plan: Plan, out
             if status[i, j] != 0:
                 out[i, j, 0], out[i, j, 1] = -np.inf, np.nan
                 continue
-            at.lay(workspace, theta[i], rows[j])
+            at.lay(workspace, plan[0], theta[i], rows[j])
             _specify(workspace, data, i, j)
             workspace[lv.UNIFORM] = out[i, j, 1]
             falls = at.can_fall(workspace, 0, plan[0])

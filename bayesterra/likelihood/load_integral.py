@@ -10,7 +10,7 @@ import numpy as np
 
 from bayesterra.likelihood import load_integrand as lv
 from bayesterra.models import kernels as at
-from bayesterra.models.kernels import Lanes, called, inlined
+from bayesterra.models.kernels import Kind, Lanes, called, inlined
 
 EMPTY = 12.0  # depth below which the end of an interval counts as empty
 ERROR = 5e-4  # of the log integrand, left by the polynomials: a guess on the high side
@@ -24,24 +24,24 @@ _GAUSS = 16
 
 
 @called
-def log_integral(workspace: Lanes, model: int, falls: bool, left: float, right: float) -> float:
+def log_integral(workspace: Lanes, kind: Kind, falls: bool, left: float, right: float) -> float:
     """Log of the integral of a row's likelihood over the load; −inf where no load of the range is carried.
 
     ``workspace`` holds pair, readings, range of the load and highest log z; ``left`` and ``right`` are a
     guess of where in log z the weight lies.
     """
-    if _at_once(workspace, model, falls, left, right):
+    if _at_once(workspace, kind, falls, left, right):
         return float(workspace[lv.SUM_TOP] + np.log(workspace[lv.SUM]))
-    lv.locate(workspace, model, falls, 0.5 * (left + right))
-    _sum_panels(workspace, model, falls)
+    lv.locate(workspace, kind, falls, 0.5 * (left + right))
+    _sum_panels(workspace, kind, falls)
     if workspace[lv.SUM] <= 0.0:
-        _look_closely(workspace, model, falls)
-        _sum_panels(workspace, model, falls)
+        _look_closely(workspace, kind, falls)
+        _sum_panels(workspace, kind, falls)
     return float(workspace[lv.SUM_TOP] + np.log(workspace[lv.SUM])) if workspace[lv.SUM] > 0.0 else -np.inf
 
 
 @called
-def _sum_panels(workspace: Lanes, model: int, falls: bool) -> None:
+def _sum_panels(workspace: Lanes, kind: Kind, falls: bool) -> None:
     """Sum over the interval that was found, and over more of it as its ends turn out to be weighty."""
     _clear(workspace)
     if workspace[lv.BEST] <= lv.NOTHING:
@@ -53,26 +53,26 @@ def _sum_panels(workspace: Lanes, model: int, falls: bool) -> None:
             todo = _widen(workspace)
         if todo == 0:
             break
-        todo = _do_panel(workspace, model, falls, todo - 1)
+        todo = _do_panel(workspace, kind, falls, todo - 1)
 
 
 @called
-def _look_closely(workspace: Lanes, model: int, falls: bool) -> None:
+def _look_closely(workspace: Lanes, kind: Kind, falls: bool) -> None:
     """Look once more, with full accuracy, for soils that hardly carry more than the lowest load."""
     workspace[lv.TOP] = at.highest(workspace)
     lv.forget(workspace)
     right = workspace[lv.TOP]
     for _ in range(CLOSE_PANELS if falls else 1):
-        lv.search(workspace, model, (False, falls), right - CLOSE, right)
+        lv.search(workspace, kind, (False, falls), right - CLOSE, right)
         right -= CLOSE
 
 
 @called
-def _at_once(workspace: Lanes, model: int, falls: bool, left: float, right: float) -> bool:
+def _at_once(workspace: Lanes, kind: Kind, falls: bool, left: float, right: float) -> bool:
     """Try one panel of full accuracy; tell whether all weight lies in it and it is well described."""
     lv.forget(workspace)
     _clear(workspace)
-    going_left, going_right = lv.search(workspace, model, (False, falls), left, right)
+    going_left, going_right = lv.search(workspace, kind, (False, falls), left, right)
     if going_left or (going_right and right < workspace[lv.TOP]) or workspace[lv.BEST] <= lv.NOTHING:
         return False
     low = (workspace[lv.LOW] - workspace[at.MIDDLE]) / workspace[at.HALF]
@@ -118,10 +118,10 @@ def _widen(workspace: Lanes) -> int:
 
 
 @called
-def _do_panel(workspace: Lanes, model: int, falls: bool, todo: int) -> int:
+def _do_panel(workspace: Lanes, kind: Kind, falls: bool, todo: int) -> int:
     """Sum a panel from the stack, or split it if eight points do not describe it; return what is to do."""
     left, right = workspace[lv.STACK + 2 * todo], workspace[lv.STACK + 2 * todo + 1]
-    low, high, cells = lv.solve(workspace, model, (False, falls), left, right)
+    low, high, cells = lv.solve(workspace, kind, (False, falls), left, right)
     if high <= low:
         _note_miss(workspace, left, right, cells)
         return todo

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayesterra.models import kernels as at
-from bayesterra.models.kernels import Lanes, called, exp, inlined, log
+from bayesterra.models.kernels import Kind, Lanes, called, exp, inlined, log
 
 SINKAGE, NORMAL, PULL, MOMENT = range(4)
 CHANNELS = 4
@@ -242,22 +242,22 @@ LEFT, RIGHT, UNIFORM, FROM, TO, SCANNED = range(FOUND + 9, FOUND + 15)
 
 
 @called
-def locate(workspace: Lanes, model: int, falls: bool, start: float) -> None:
+def locate(workspace: Lanes, kind: Kind, falls: bool, start: float) -> None:
     """Find the interval of log z outside which the integrand has no weight, beginning at ``start``."""
     forget(workspace)
     right = min(start + REACH, workspace[TOP])
     left = right - 2.0 * REACH
-    going_left, going_right = search(workspace, model, (True, falls), left, right)
+    going_left, going_right = search(workspace, kind, (True, falls), left, right)
     for _ in range(MOST):
         if not going_right or right >= workspace[TOP]:
             break
         step = min(right + 2.0 * REACH, workspace[TOP])
-        _, going_right = search(workspace, model, (True, falls), right, step)
+        _, going_right = search(workspace, kind, (True, falls), right, step)
         right = step
     for _ in range(MOST):
         if not going_left:
             break
-        going_left, _ = search(workspace, model, (True, falls), left - 2.0 * REACH, left)
+        going_left, _ = search(workspace, kind, (True, falls), left - 2.0 * REACH, left)
         left -= 2.0 * REACH
 
 
@@ -269,12 +269,12 @@ def forget(workspace: Lanes) -> None:
 
 
 @called
-def search(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[bool, bool]:
+def search(workspace: Lanes, kind: Kind, how: tuple[bool, bool], left: float, right: float) -> tuple[bool, bool]:
     """Scan a panel; tell whether there may be weight to its left and to its right.
 
     ``how`` says whether few nodes suffice, and whether F_N may fall.
     """
-    low, high, cells = solve(workspace, model, how, left, right)
+    low, high, cells = solve(workspace, kind, how, left, right)
     workspace[SCANNED] = cells
     if high > low:
         _note_weight(workspace, cells)
@@ -339,7 +339,7 @@ def excess(workspace: Lanes, k: int, count: int) -> float:
 
 
 @called
-def solve(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, right: float) -> tuple[float, float, int]:
+def solve(workspace: Lanes, kind: Kind, how: tuple[bool, bool], left: float, right: float) -> tuple[float, float, int]:
     """Lay and scan a panel; return places between which the integrand may have weight, and cells between.
 
     The highest log z is brought down to where F_N stops rising. Equal places: nothing of the loads' range,
@@ -347,14 +347,14 @@ def solve(workspace: Lanes, model: int, how: tuple[bool, bool], left: float, rig
     looked for where there is weight near them.
     """
     _aim(workspace, left, right)
-    idle = at.trace(workspace, model, how[0])
+    idle = at.trace(workspace, kind, how[0])
     if idle > at.DEGREE:
         return 0.0, 0.0, BELOW
     if idle > 0:
         ends = 0.5 * (left + right) + 0.5 * (right - left) * at.POINTS[idle - 1 : idle + 1]
-        left = at.carrying_from(workspace, model, ends[0], ends[1], np.exp(workspace[LOAD_LOW]))
+        left = at.carrying_from(workspace, kind, ends[0], ends[1], np.exp(workspace[LOAD_LOW]))
         _aim(workspace, left, right)
-        at.trace(workspace, model, how[0])
+        at.trace(workspace, kind, how[0])
     high = 1.0
     if how[1]:
         high = at.crest_of(workspace)

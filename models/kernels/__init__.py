@@ -13,6 +13,7 @@ from bayesterra.models.kernels.curve import (
     tail,
 )
 from bayesterra.models.kernels.elementary import exp, log
+from bayesterra.models.kernels.evaluation import Kind
 from bayesterra.models.kernels.grid_search import can_fall
 from bayesterra.models.kernels.pairs import Codes, Plan, screen
 from bayesterra.models.kernels.tracing import (
@@ -46,6 +47,7 @@ __all__ = [
     "POINTS",
     "PULL",
     "Codes",
+    "Kind",
     "Lanes",
     "Plan",
     "called",

@@ -8,7 +8,7 @@ import numpy as np
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, Whole, called, compiled
-from bayesterra.models.kernels.evaluation import M1, M2L, evaluate
+from bayesterra.models.kernels.evaluation import M1, M2L, Kind, evaluate
 from bayesterra.models.kernels.grid_search import can_fall, search_by_grid
 from bayesterra.models.kernels.pairs import (
     LOAD,
@@ -16,7 +16,6 @@ from bayesterra.models.kernels.pairs import (
     OK,
     Codes,
     Plan,
-    load_effects,
     load_lane,
     pad,
     scatter,
@@ -44,33 +43,40 @@ def forces(
                 out[i, j, :] = np.nan
                 continue
             row = rows[j + i * plan[1]]
-            which = choose_rule(theta[i], row, sinkage[i, j]) if plan[0] == M1 else 0
+            which = _rule(plan[0], theta[i], row, sinkage[i, j])
             lane = filled[which]
-            load_lane(trays[which], lane, theta[i], row, sinkage[i, j])
-            if plan[0] == M2L:
-                load_effects(trays[which], lane, theta[i], row)
+            load_lane(trays[which], lane, plan[0], theta[i], row, sinkage[i, j])
             place[which, lane, 0], place[which, lane, 1] = i, j
             filled[which] = lane + 1
             if filled[which] == at.LANES:
                 evaluate(trays[which], plan[0], which)
-                scatter(trays[which], place[which], at.LANES, out)
-                if plan[0] == M2L:
-                    _refuse(trays[which], place[which], at.LANES, out, status)
+                _give(trays[which], plan[0], place[which], at.LANES, out, status)
                 filled[which] = 0
     for which in range(RULES):
         if filled[which] > 0:
             pad(trays[which], filled[which])
             evaluate(trays[which], plan[0], which)
-            scatter(trays[which], place[which], filled[which], out)
-            if plan[0] == M2L:
-                _refuse(trays[which], place[which], filled[which], out, status)
+            _give(trays[which], plan[0], place[which], filled[which], out, status)
 
 
 @called
-def _refuse(ws: Lanes, place: Whole, filled: int, out: FloatArray, status: Codes) -> None:
-    """Mark the pairs of a tray for which (42) has no normal force."""
+def _rule(kind: Kind, theta: FloatArray, row: FloatArray, sinkage: float) -> int:
+    """Index of the quadrature rule that a pair needs."""
+    return choose_rule(theta, row, sinkage) if len(kind) == M1 else 0
+
+
+@called
+def _has_none(ws: Lanes, kind: Kind, lane: int) -> bool:
+    """True where (42) has no normal force for a lane."""
+    return bool(ws[at.UNDER_ROOT + lane].real < 0.0) if len(kind) == M2L else False
+
+
+@called
+def _give(ws: Lanes, kind: Kind, place: Whole, filled: int, out: FloatArray, status: Codes) -> None:
+    """Copy results to the pairs of a tray, and mark those without a normal force."""
+    scatter(ws, place, filled, out)
     for lane in range(filled):
-        if ws[at.UNDER_ROOT + lane] < 0.0:
+        if _has_none(ws, kind, lane):
             i, j = place[lane, 0], place[lane, 1]
             out[i, j, :] = np.nan
             status[i, j] = NORMAL_FORCE
@@ -88,9 +94,7 @@ def response(theta: FloatArray, rows: FloatArray, load: FloatArray, plan: Plan, 
                 out[i, j, :] = np.nan
                 continue
             lane = filled[ROUGH]
-            load_lane(trays[ROUGH], lane, theta[i], rows[j + i * plan[1]], 0.0)
-            if plan[0] == M2L:
-                load_effects(trays[ROUGH], lane, theta[i], rows[j + i * plan[1]])
+            load_lane(trays[ROUGH], lane, plan[0], theta[i], rows[j + i * plan[1]], 0.0)
             trays[ROUGH, at.LOAD + lane] = load[i, j]
             place[ROUGH, lane, 0], place[ROUGH, lane, 1] = i, j
             filled[ROUGH] = lane + 1
@@ -117,11 +121,9 @@ def _come_near(
     for lane in range(filled[ROUGH]):
         i, j = place[ROUGH, lane, 0], place[ROUGH, lane, 1]
         row = rows[j + i * plan[1]]
-        which = choose_rule(theta[i], row, np.exp(rough[at.X + lane])) if plan[0] == M1 else 0
+        which = _rule(plan[0], theta[i], row, np.exp(rough[at.X + lane]))
         slot = filled[which]
-        load_lane(trays[which], slot, theta[i], row, 0.0)
-        if plan[0] == M2L:
-            load_effects(trays[which], slot, theta[i], row)
+        load_lane(trays[which], slot, plan[0], theta[i], row, 0.0)
         hand_over(rough, lane, trays[which], slot)
         place[which, slot, 0], place[which, slot, 1] = i, j
         filled[which] = slot + 1
@@ -132,7 +134,7 @@ def _come_near(
 
 
 @called
-def _settle(trays: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
+def _settle(trays: Lanes, how: tuple[Kind, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
     """Finish the solve of a tray, `how` = (model, rule, lanes filled), and scatter the responses."""
     ws, spare = trays[how[1]], trays[ROUGH + 1]
     refine(ws, how[0], how[1])
@@ -145,7 +147,7 @@ def _settle(trays: Lanes, how: tuple[int, int, int], place: Whole, out: FloatArr
         out[i, j, 0] = tray[at.Z + spot]
         out[i, j, 1] = tray[at.PULL + spot]
         out[i, j, 2] = tray[at.MOMENT + spot]
-        if tray[at.X + spot] == np.inf or (how[0] == M2L and tray[at.UNDER_ROOT + spot] < 0.0):
+        if tray[at.X + spot] == np.inf or _has_none(tray, how[0], spot):
             out[i, j, :] = np.nan
             status[i, j] = LOAD
 
@@ -168,14 +170,12 @@ def jacobian(
                 out[i, j, :, :] = np.nan
                 continue
             row = rows[j + i * plan[1]]
-            load_lane(ws, 0, theta[i], row, sinkage[i, j])
-            if plan[0] == M2L:
-                load_effects(ws, 0, theta[i], row)
+            load_lane(ws, 0, plan[0], theta[i], row, sinkage[i, j])
             pad(ws, 1)
             for lane, q in enumerate((at.KS, at.N0, at.C, at.PHI, at.K, at.C1, at.C3, at.Z)):
                 ws[q + lane] += 1j * _STEP
-            evaluate(ws, plan[0], choose_rule(theta[i], row, sinkage[i, j]) if plan[0] == M1 else 0)
-            if plan[0] == M2L and ws[at.UNDER_ROOT].real < 0.0:
+            evaluate(ws, plan[0], _rule(plan[0], theta[i], row, sinkage[i, j]))
+            if _has_none(ws, plan[0], 0):
                 out[i, j, :, :] = np.nan
                 status[i, j] = NORMAL_FORCE
                 continue
@@ -185,21 +185,20 @@ def jacobian(
             for f in range(3):
                 out[i, j, f, 2] = out[i, j, f, 1] * row[1]
                 out[i, j, f, 7] = out[i, j, f, 6] * row[0]
-            if plan[0] == M2L:
-                _by_effects(ws, theta[i], row, sinkage[i, j], out[i, j])
+            _by_effects(ws, plan[0], theta[i], row, sinkage[i, j], out[i, j])
 
 
 @called
-def _by_effects(ws: Lanes, theta: FloatArray, row: FloatArray, sinkage: float, out: FloatArray) -> None:
-    """Fill the columns of `out` (3, 14) of the load effect; c_P2 acts only through c_P1 + c_P2 s."""
-    load_lane(ws, 0, theta, row, sinkage)
-    load_effects(ws, 0, theta, row)
-    pad(ws, 1)
-    for lane, q in enumerate((at.CP1, at.CDP, at.CM)):
-        ws[q + lane] += 1j * _STEP
-    evaluate(ws, M2L, 0)
-    for lane, column in enumerate((9, 11, 12)):
-        for f in range(3):
-            out[f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
-    for f in range(3):  # not by columns: numba compiles assignments of arrays for seconds
-        out[f, 10] = out[f, 9] * row[0]
+def _by_effects(ws: Lanes, kind: Kind, theta: FloatArray, row: FloatArray, sinkage: float, out: FloatArray) -> None:
+    """Fill the columns of `out` (3, 14) of the load effect, if any; c_P2 acts only through c_P1 + c_P2 s."""
+    if len(kind) == M2L:
+        load_lane(ws, 0, kind, theta, row, sinkage)
+        pad(ws, 1)
+        for lane, q in enumerate((at.CP1, at.CDP, at.CM)):
+            ws[q + lane] += 1j * _STEP
+        evaluate(ws, kind, 0)
+        for lane, column in enumerate((9, 11, 12)):
+            for f in range(3):
+                out[f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
+        for f in range(3):  # not by columns: numba compiles assignments of arrays for seconds
+            out[f, 10] = out[f, 9] * row[0]

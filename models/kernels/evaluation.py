@@ -6,19 +6,21 @@ from bayesterra.models.kernels.compiler import Lanes, called
 from bayesterra.models.kernels.integral import integrate
 from bayesterra.models.kernels.load_effect import close_under_load, scale_pull
 
-M1, M2, M3, M2L = 1, 2, 3, 4
+Kind = tuple[int, ...]
+"""A model: how many numbers there are is a type, so no code is made of other branches; all 1 for M3, else 0."""
+M1, M2_OR_M3, M2L = 1, 2, 3
 
 
 @called
-def evaluate(ws: Lanes, model: int, which: int) -> None:
+def evaluate(ws: Lanes, kind: Kind, which: int) -> None:
     """Fill the results from the inputs; `which` is the quadrature rule of M1."""
     measure(ws)
-    if model == M1:
+    if len(kind) == M1:
         integrate(ws, which)
-    elif model == M2L:
+    elif len(kind) == M2L:
         close_under_load(ws)
     else:
-        close(ws, model == M3)
+        close(ws, kind[0] == 1)
     assemble(ws)
-    if model == M2L:
+    if len(kind) == M2L:
         scale_pull(ws)

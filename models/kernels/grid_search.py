@@ -8,7 +8,7 @@ import numpy as np
 
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, called
-from bayesterra.models.kernels.evaluation import M1
+from bayesterra.models.kernels.evaluation import M1, Kind
 from bayesterra.models.kernels.solver import misfit, refine
 
 _DEPTH = 12.0  # the grid begins this far below the radius in log z
@@ -17,13 +17,13 @@ _NARROW = 1e-10
 
 
 @called
-def can_fall(ws: Lanes, lane: int, model: int) -> bool:
+def can_fall(ws: Lanes, lane: int, kind: Kind) -> bool:
     """True where F_N of a lane may be larger below z = r than at it."""
-    return model != M1 or ws[at.C3 + lane] < 0.0
+    return len(kind) != M1 or ws[at.C3 + lane] < 0.0
 
 
 @called
-def search_by_grid(ws: Lanes, lane: int, model: int, which: int, tray: Lanes) -> None:
+def search_by_grid(ws: Lanes, lane: int, kind: Kind, which: int, tray: Lanes) -> None:
     """Fill `tray` with the solution of one lane, the same in all lanes; X = inf where F_N stays below the load."""
     for start in range(0, at.SIZE, at.LANES):
         for i in range(at.LANES):
@@ -31,11 +31,11 @@ def search_by_grid(ws: Lanes, lane: int, model: int, which: int, tray: Lanes) ->
     low, high = tray[at.TOP] - _DEPTH, tray[at.TOP]
     for _ in range(_ROUNDS):
         _lay_grid(tray, low, high)
-        misfit(tray, model, which)
+        misfit(tray, kind, which)
         carrying = _first_carrying(tray)
         if carrying < at.LANES:
             _bracket(tray, carrying)
-            refine(tray, model, which)
+            refine(tray, kind, which)
             return
         peak = 0
         for i in range(1, at.LANES):

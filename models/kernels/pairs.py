@@ -6,9 +6,10 @@ from numpy.typing import NDArray
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, Whole, called
+from bayesterra.models.kernels.evaluation import M2L, Kind
 
 Codes = NDArray[np.int8]
-Plan = tuple[int, int, bool]  # model, rows to move on per parameter set, whether good rows of a bad set count
+Plan = tuple[Kind, int, bool]  # model, rows to move on per parameter set, whether good rows of a bad set count
 OK, EXPONENT, CONTACT_ANGLE, LOAD, SINKAGE, NORMAL_FORCE = range(6)  # conditions.Status
 
 
@@ -47,21 +48,17 @@ def screen_sinkage(rows: FloatArray, sinkage: FloatArray, plan: Plan, status: Co
 
 
 @called
-def load_lane(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray, sinkage: float) -> None:
+def load_lane(ws: Lanes, lane: int, kind: Kind, theta: FloatArray, row: FloatArray, sinkage: float) -> None:
     """Copy a parameter set, a row and a sinkage into a lane."""
     for q in range(at.PARAMETERS):
         ws[at.INPUTS + q * at.LANES + lane] = theta[q]
     ws[at.Z + lane] = sinkage
     for q in range(at.ROW_COLUMNS):
         ws[at.ROW + q * at.LANES + lane] = row[q]
-
-
-@called
-def load_effects(ws: Lanes, lane: int, theta: FloatArray, row: FloatArray) -> None:
-    """Copy what M2L has beyond the columns of the other models into a lane."""
-    for q in range(at.EFFECT_PARAMETERS):
-        ws[at.EFFECTS + q * at.LANES + lane] = theta[at.PARAMETERS + q]
-    ws[at.MEAN_LOAD + lane] = row[at.ROW_COLUMNS]
+    if len(kind) == M2L:
+        for q in range(at.EFFECT_PARAMETERS):
+            ws[at.EFFECTS + q * at.LANES + lane] = theta[at.PARAMETERS + q]
+        ws[at.MEAN_LOAD + lane] = row[at.ROW_COLUMNS]
 
 
 @called

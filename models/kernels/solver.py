@@ -9,7 +9,7 @@ import numpy as np
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import exp, log, root
-from bayesterra.models.kernels.evaluation import evaluate
+from bayesterra.models.kernels.evaluation import Kind, evaluate
 from bayesterra.models.kernels.quadrature import ROUGH
 
 _MARGIN = 1e-9  # the search ends this far below the radius, relative
@@ -43,10 +43,10 @@ def start(ws: Lanes) -> None:
 
 
 @called
-def rough_search(ws: Lanes, model: int) -> None:
+def rough_search(ws: Lanes, kind: Kind) -> None:
     """Come near the root with few nodes."""
     for _ in range(_ROUGH_STEPS):
-        misfit(ws, model, ROUGH)
+        misfit(ws, kind, ROUGH)
         waiting = 0
         for i in range(at.LANES):
             if ws[at.DONE + i] == 0.0:
@@ -67,10 +67,10 @@ def hand_over(source: Lanes, lane: int, target: Lanes, slot: int) -> None:
 
 
 @called
-def refine(ws: Lanes, model: int, which: int) -> None:
+def refine(ws: Lanes, kind: Kind, which: int) -> None:
     """Finish the solve: fill Z, PULL and MOMENT; X = inf where no sinkage carries the load."""
     for _ in range(_STEPS):
-        misfit(ws, model, which)
+        misfit(ws, kind, which)
         waiting = 0
         for i in range(at.LANES):
             if ws[at.DONE + i] == 0.0:
@@ -97,11 +97,11 @@ def _forget(ws: Lanes, i: int) -> None:
 
 
 @called
-def misfit(ws: Lanes, model: int, which: int) -> None:
+def misfit(ws: Lanes, kind: Kind, which: int) -> None:
     """Fill F = log(F_N / W) and the other forces at the current point."""
     for i in range(at.LANES):
         ws[at.Z + i] = exp(ws[at.X + i])
-    evaluate(ws, model, which)
+    evaluate(ws, kind, which)
     for i in range(at.LANES):
         normal = ws[at.NORMAL + i]
         ws[at.F + i] = log((normal if normal > _SMALLEST else _SMALLEST) / ws[at.LOAD + i])

@@ -9,8 +9,8 @@ from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import exp, log
-from bayesterra.models.kernels.evaluation import M1, evaluate
-from bayesterra.models.kernels.pairs import load_effects
+from bayesterra.models.kernels.evaluation import M1, Kind, evaluate
+from bayesterra.models.kernels.pairs import load_lane
 from bayesterra.models.kernels.quadrature import ROUGH, choose_rule
 from bayesterra.models.kernels.solver import start
 
@@ -28,21 +28,14 @@ _BIAS = 0.09  # of the solver's start in log z, which leaves out the shear
 
 
 @called
-def lay(desk: Lanes, theta: FloatArray, row: FloatArray) -> None:
+def lay(desk: Lanes, kind: Kind, theta: FloatArray, row: FloatArray) -> None:
     """Put one pair into all lanes of a desk."""
-    for q in range(at.PARAMETERS):
-        for i in range(at.LANES):
-            desk[at.INPUTS + q * at.LANES + i] = theta[q]
-    for q in range(at.ROW_COLUMNS):
-        for i in range(at.LANES):
-            desk[at.ROW + q * at.LANES + i] = row[q]
-    if theta.shape[0] > at.PARAMETERS:
-        for i in range(at.LANES):
-            load_effects(desk, i, theta, row)
+    for i in range(at.LANES):
+        load_lane(desk, i, kind, theta, row, 0.0)
 
 
 @called
-def trace(desk: Lanes, model: int, rough: bool) -> int:
+def trace(desk: Lanes, kind: Kind, rough: bool) -> int:
     """Fill the curve: polynomials in t = (log z - middle)/half of log F_N, F_DP and M_DR over -1 <= t <= 1.
 
     The curve holds middle and half, the lanes the pair. Returns how many of the eight points, from the
@@ -51,7 +44,7 @@ def trace(desk: Lanes, model: int, rough: bool) -> int:
     for i in range(at.LANES):
         desk[at.Z + i] = exp(desk[MIDDLE] + desk[HALF] * POINTS[i])
     which = ROUGH if rough else _rule(desk)
-    evaluate(desk, model, which if model == M1 else 0)
+    evaluate(desk, kind, which if len(kind) == M1 else 0)
     idle = 0
     for i in range(at.LANES):
         idle = idle if desk[at.NORMAL + i] > _SMALLEST else i + 1
@@ -97,12 +90,12 @@ def highest(ws: Lanes) -> float:
 
 
 @called
-def carrying_from(ws: Lanes, model: int, low: float, high: float, load: float) -> float:
+def carrying_from(ws: Lanes, kind: Kind, low: float, high: float, load: float) -> float:
     """A log z where 0 < F_N < `load`, if there is one; F_N <= 0 at `low`, > 0 at `high`."""
     for _ in range(40):
         for i in range(at.LANES):
             ws[at.Z + i] = exp(low + (high - low) * (i + 1.0) / at.LANES)
-        evaluate(ws, model, ROUGH if model == M1 else 0)
+        evaluate(ws, kind, ROUGH if len(kind) == M1 else 0)
         first = 0
         while first < at.LANES - 1 and ws[at.NORMAL + first] <= _SMALLEST:
             first += 1
