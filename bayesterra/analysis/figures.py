@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec, module_from_spec, spec_from_file_location
+from itertools import combinations, combinations_with_replacement, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from contourpy import FillType, contour_generator
+from matplotlib import path
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, PathPatch
 from matplotlib.ticker import MaxNLocator
+from matplotlib.transforms import Bbox, TransformedBbox
+from numpy.typing import ArrayLike
 from scipy.ndimage import gaussian_filter
 from scipy.stats import rankdata
 
@@ -30,9 +37,11 @@ CORNER_DRAWS = 60_000
 CORNER_BINS = 36
 PRIOR_MASS = 0.99
 PRIOR_BINS = 30
-PALE = ("#FFFFFF00", "#8A8A8A2E")
+PALE = "#8A8A8A2E"
 GAP = 0.05
 """Between panels of the corner plot, in panels."""
+TICK = 3.5 / 72
+"""Length of a tick, inches."""
 
 
 @cache
@@ -51,8 +60,8 @@ def _hist2d() -> Callable[..., Any]:
 
 
 @figures.styled
-def corner(result: Result) -> FloatArray:
-    """Draw all pairs of parameters in field units; returns the axes (d, d), none above the diagonal.
+def corner(result: Result) -> Axes:
+    """Draw all pairs of parameters in field units, each on a panel of one axes; returns these.
 
     Blue contours hold 50 and 90 % of the posterior, the grey area 99 % of the prior after the physical cut.
     Dashed line and plus: posterior mode. Marks: least squares and, hollow, published or true values.
@@ -60,72 +69,147 @@ def corner(result: Result) -> FloatArray:
     names, size = result.names, 1.45 * len(result.names) + 0.6
     scale = np.array([PARAMETERS[name].scale for name in names])
     posterior, prior = spread_draws(result, CORNER_DRAWS) / scale, result.values("prior") / scale
-    figure, limits = Figure(figsize=(size, size)), _limits(result, posterior)
-    FigureCanvasAgg(figure)
-    axes = _panels(figure, limits, [figures.label(PARAMETERS[name]) for name in names])
-    _prior_layer(axes, prior, [(along.low, along.high) for along in (axis(result, name) for name in names)])
-    _posterior_layer(axes, posterior, limits)
-    _points(axes, result, scale)
-    _corner_legend(figure, result)
-    return axes
+    panels = _Panels(size, _limits(result, posterior))
+    panels.name([figures.label(PARAMETERS[name]) for name in names])
+    _outlines(panels, prior, [(along.low, along.high) for along in (axis(result, name) for name in names)], _PRIOR)
+    _outlines(panels, posterior, panels.limits, _POSTERIOR)
+    _marginals(panels, result, prior, posterior)
+    _points(panels, result, scale)
+    _corner_legend(panels.ax, result)
+    return panels.ax
 
 
-def _panels(figure: Figure, limits: list[tuple[float, float]], labels: list[str]) -> FloatArray:
-    """Empty axes on and below the diagonal, with labels at the left and at the bottom."""
-    count = len(limits)
-    axes = np.full((count, count), None)
-    side = 0.91 / (count + GAP * (count - 1))
-    for i, j in zip(*np.tril_indices(count), strict=True):
-        at = (0.08 + (1 + GAP) * j * side, 0.99 - (1 + GAP) * i * side - side)
-        ax = axes[i, j] = figure.add_axes((*at, side, side), xlim=limits[j])
-        ax.xaxis.set_major_locator(MaxNLocator(3, prune="lower"))
-        ax.tick_params(labelrotation=45, labelbottom=i == count - 1, labelleft=j == 0)
-        if i == count - 1:
-            ax.set_xlabel(labels[j])
-            ax.xaxis.set_label_coords(0.5, -0.35)
-        if i == j:
-            ax.set_yticks([])
-            continue
-        ax.set_ylim(limits[i])
-        ax.yaxis.set_major_locator(MaxNLocator(3, prune="lower"))
-        if j == 0:
-            ax.set_ylabel(labels[i])
-            ax.yaxis.set_label_coords(-0.35, 0.5)
-    return axes
+class _Panels:
+    """Squares of side 1 on and below the diagonal of one axes: axes for each would take most of the time."""
+
+    def __init__(self, size: float, limits: list[tuple[float, float]]) -> None:
+        count = len(limits)
+        whole = count + GAP * (count - 1)
+        self.limits, self.tick = limits, TICK / (0.91 * size) * whole
+        figure = Figure(figsize=(size, size))
+        FigureCanvasAgg(figure)
+        self.ax = figure.add_axes((0.08, 0.08, 0.91, 0.91), xlim=(0, whole), ylim=(0, whole))
+        self.ax.set_axis_off()
+
+    def at(self, i: int, j: int, points: ArrayLike = (0.0, 0.0)) -> FloatArray:
+        """Points (2,) or (n, 2) of the panel in row i and column j, its lower left end (0, 0), on the axes."""
+        return np.add(points, [(1 + GAP) * j, (1 + GAP) * (len(self.limits) - 1 - i)])
+
+    def along(self, i: int, values: FloatArray | float) -> FloatArray:
+        """Places of values of parameter i along a side of a panel, 0 to 1."""
+        low, high = self.limits[i]
+        return (np.asarray(values) - low) / (high - low)
+
+    def add(self, i: int, j: int, lines: list[FloatArray], **look: Any) -> None:
+        """Draw polygons (n, 2) in a panel's own coordinates, and nothing of them beyond it."""
+        if lines:
+            whole = path.Path.make_compound_path(*(path.Path(self.at(i, j, line)) for line in lines))
+            patch = self.ax.add_artist(PathPatch(whole, **look))
+            patch.set_clip_box(TransformedBbox(Bbox(self.at(i, j, [[0, 0], [1, 1]])), self.ax.transData))
+
+    def name(self, labels: list[str]) -> None:
+        """Draw frames, ticks, and at the left and at the bottom numbers and labels."""
+        last = len(labels) - 1
+        ticks = [_ticks(*ends) for ends in self.limits]
+        lines: list[FloatArray] = []
+        for j, i in combinations_with_replacement(range(len(labels)), 2):
+            lines.append(self.at(i, j, [[0, 1], [0, 0], [1, 0]]))
+            lines += [self.at(i, j, [[x, 0], [x, -self.tick]]) for x in self.along(j, ticks[j])]
+            if i != j:
+                lines += [self.at(i, j, [[0, y], [-self.tick, y]]) for y in self.along(i, ticks[i])]
+        self.ax.add_collection(LineCollection(lines, colors=figures.INK, linewidths=0.7, clip_on=False), autolim=False)
+        for k, label in enumerate(labels):
+            for value, x in zip(ticks[k], self.along(k, ticks[k]), strict=True):
+                text = f"{value:g}".replace("-", "−")
+                self._write(self.at(last, k, (x, -2 * self.tick)), text, fontsize=8, rotation=45, va="top")
+                if k > 0:
+                    self._write(self.at(k, 0, (-2 * self.tick, x)), text, fontsize=8, rotation=45, ha="right")
+            self._write(self.at(last, k, (0.5, -0.35)), label, va="top")
+            if k > 0:
+                self._write(self.at(k, 0, (-0.35, 0.5)), label, rotation=90, ha="right")
+
+    def _write(self, at: FloatArray, text: str, **look: Any) -> None:
+        x, y = at
+        self.ax.text(x, y, text, **{"ha": "center", "va": "center", **look})
 
 
-def _prior_layer(axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, float]]) -> None:
-    """Prior on its whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
-    for ax, x, y, pair in _pairs(axes, draws, ranges):
-        _hist2d()(
-            x, y, PRIOR_BINS, pair, ax=ax, smooth=3.0, levels=(PRIOR_MASS,), fill_contours=True, color=figures.PRIOR,
-            contour_kwargs={"alpha": 0.4, "linewidths": 0.7}, contourf_kwargs={"colors": PALE}, **_BARE,
-        )  # fmt: skip
-    for ax, column, ends in zip(np.diagonal(axes), draws.T, ranges, strict=True):
-        ax.stairs(*_marginal(column, ends, PRIOR_BINS, 2.0), color=figures.PRIOR, alpha=0.6, baseline=None)
+def _ticks(low: float, high: float) -> FloatArray:
+    values = np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], prune="lower").tick_values(low, high))
+    return values[(values >= low) & (values <= high)]
 
 
-def _posterior_layer(axes: FloatArray, draws: FloatArray, limits: list[tuple[float, float]]) -> None:
-    for ax, x, y, pair in _pairs(axes, draws, limits):
-        _hist2d()(
-            x, y, CORNER_BINS, pair, ax=ax, smooth=1.2, levels=figures.PROBABILITIES, no_fill_contours=True,
-            color=figures.POSTERIOR, **_BARE,
-        )  # fmt: skip
-    for ax, column, ends in zip(np.diagonal(axes), draws.T, limits, strict=True):
-        heights, edges = _marginal(column, ends, CORNER_BINS, 1.0)
-        ax.stairs(heights, edges, color=figures.POSTERIOR, baseline=None)
-        ax.set_ylim(0, 1.12 * max(float(drawn.get_data().values.max()) for drawn in ax.patches))
+class _Outlines:
+    """What stands for axes where corner draws contours of a pair: keeps lines (n, 2), and the area within."""
+
+    def __init__(self) -> None:
+        self.lines: list[FloatArray] = []
+        self.areas: list[FloatArray] = []
+
+    def get_facecolor(self) -> str:
+        return "none"
+
+    def set_xlim(self, _: object) -> None:
+        """Nothing: the panels have their limits."""
+
+    set_ylim = set_xscale = set_yscale = set_xlim
+
+    def contour(self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, **_look: Any) -> None:
+        lines: Any = contour_generator(x, y, z)
+        self.lines += [line for level in levels for line in lines.lines(level)]
+
+    def contourf(self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, **_look: Any) -> None:
+        filled: Any = contour_generator(x, y, z, fill_type=FillType.OuterOffset).filled(levels[-2], levels[-1])
+        for points, offsets in zip(*filled, strict=True):
+            self.areas += [points[start:end] for start, end in pairwise(offsets)]
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """How corner smooths draws into outlines, and how these look."""
+
+    settings: Mapping[str, Any]
+    line: Mapping[str, Any]
+    area: Mapping[str, Any]
 
 
 _BARE = {"plot_datapoints": False, "plot_density": False}
+_PRIOR = _Layer(
+    {**_BARE, "bins": PRIOR_BINS, "smooth": 3.0, "levels": (PRIOR_MASS,), "fill_contours": True},
+    {"edgecolor": figures.PRIOR, "alpha": 0.4, "linewidth": 0.7},
+    {"facecolor": PALE, "linewidth": 0.0},
+)
+"""On the prior's whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
+_POSTERIOR = _Layer(
+    {**_BARE, "bins": CORNER_BINS, "smooth": 1.2, "levels": figures.PROBABILITIES, "no_fill_contours": True},
+    {"edgecolor": figures.POSTERIOR, "linewidth": 1.3},
+    {},
+)
 
 
-def _pairs(
-    axes: FloatArray, draws: FloatArray, ranges: list[tuple[float, float]]
-) -> Iterator[tuple[Axes, FloatArray, FloatArray, tuple[tuple[float, float], tuple[float, float]]]]:
-    """Panels below the diagonal, with the draws (n,) along both sides and the sides' ranges."""
-    for i, j in zip(*np.tril_indices(len(axes), -1), strict=True):
-        yield axes[i, j], draws[:, j], draws[:, i], (ranges[j], ranges[i])
+def _outlines(panels: _Panels, draws: FloatArray, ranges: list[tuple[float, float]], layer: _Layer) -> None:
+    """Contours of all pairs, of draws on these ranges."""
+    places = [panels.along(i, column) for i, column in enumerate(draws.T)]
+    ends = [tuple(panels.along(i, np.array(pair))) for i, pair in enumerate(ranges)]
+    for j, i in combinations(range(len(ranges)), 2):
+        kept = _Outlines()
+        _hist2d()(places[j], places[i], range=(ends[j], ends[i]), ax=kept, **layer.settings)
+        panels.add(i, j, kept.areas, **layer.area)
+        panels.add(i, j, kept.lines, fill=False, **layer.line)
+
+
+def _marginals(panels: _Panels, result: Result, prior: FloatArray, posterior: FloatArray) -> None:
+    """Smoothed histograms on the diagonal, and the mode."""
+    rows = summary_rows(result)
+    for i, name in enumerate(result.names):
+        along = axis(result, name)
+        grey = _marginal(prior[:, i], (along.low, along.high), PRIOR_BINS, 2.0)
+        blue = _marginal(posterior[:, i], panels.limits[i], CORNER_BINS, 1.0)
+        top = 1.12 * max(grey[0].max(), blue[0].max())
+        for (heights, edges), look in ((grey, {"ec": figures.PRIOR, "alpha": 0.6}), (blue, {"ec": figures.POSTERIOR})):
+            steps = np.repeat(panels.along(i, edges), 2)[1:-1], np.repeat(heights / top, 2)
+            panels.add(i, i, [np.column_stack(steps)], fill=False, linewidth=1.0, **look)
+        x = float(panels.along(i, rows[name].mode))
+        panels.add(i, i, [np.array([[x, 0], [x, 1]])], fill=False, ec=figures.POSTERIOR, lw=0.9, ls=(0, (4, 2)))
 
 
 def _marginal(draws: FloatArray, ends: tuple[float, float], count: int, smooth: float) -> tuple[FloatArray, FloatArray]:
@@ -149,33 +233,33 @@ def _limits(result: Result, draws: FloatArray) -> list[tuple[float, float]]:
     return limits
 
 
-def _points(axes: FloatArray, result: Result, scale: FloatArray) -> None:
+def _points(panels: _Panels, result: Result, scale: FloatArray) -> None:
     rows = summary_rows(result)
-    nan = dict.fromkeys(result.names, np.nan)
-    for i, j in zip(*np.tril_indices(len(axes)), strict=True):
-        x, y = result.names[j], result.names[i]
-        if i == j:
-            axes[i, i].axvline(rows[x].mode, color=figures.POSTERIOR, linewidth=0.9, linestyle=(0, (4, 2)))
-            continue
-        axes[i, j].plot(
-            rows[x].mode, rows[y].mode, "P", color=figures.POSTERIOR, markersize=6.5, markeredgecolor="white"
-        )
-        for method, values in estimates(result).items():
-            mark, at = figures.MARKS[method], {**nan, **values}
-            axes[i, j].plot(
-                at[x] / scale[j], at[y] / scale[i], mark.marker, color=mark.colour, markersize=4.5,
-                markerfacecolor="none" if mark.hollow else mark.colour,
-            )  # fmt: skip
+    mode = np.array([rows[name].mode for name in result.names])
+    _mark(panels, mode, marker="P", color=figures.POSTERIOR, markersize=6.5, markeredgecolor="white")
+    for method, values in estimates(result).items():
+        mark, at = figures.MARKS[method], np.array([values.get(name, np.nan) for name in result.names]) / scale
+        face = "none" if mark.hollow else mark.colour
+        _mark(panels, at, marker=mark.marker, color=mark.colour, markersize=4.5, markerfacecolor=face)
 
 
-def _corner_legend(figure: Figure, result: Result) -> None:
+def _mark(panels: _Panels, values: FloatArray, **look: Any) -> None:
+    """Mark a set of values (d,) on all panels that it lies on."""
+    along = np.array([panels.along(i, value) for i, value in enumerate(values)])
+    pairs = [(j, i) for j, i in combinations(range(len(values)), 2) if (np.abs(along[[j, i]] - 0.5) <= 0.5).all()]
+    places = [panels.at(i, j, along[[j, i]]) for j, i in pairs]
+    if places:
+        panels.ax.plot(*np.transpose(places), linestyle="none", clip_on=False, **look)
+
+
+def _corner_legend(ax: Axes, result: Result) -> None:
     entries: list[Line2D | Patch] = [
         Line2D([], [], color=figures.POSTERIOR, label="posterior: 50 and 90 %"),
-        Patch(facecolor=PALE[1], edgecolor=figures.PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
+        Patch(facecolor=PALE, edgecolor=figures.PRIOR, label=f"prior: {100 * PRIOR_MASS:.0f} %"),
         Line2D([], [], color=figures.POSTERIOR, marker="P", linestyle="none", label="mode"),
     ]
     entries += map(figures.mark_key, estimates(result))
-    figure.legend(handles=entries, loc="upper right", bbox_to_anchor=(0.97, 0.97), fontsize=12)
+    ax.legend(handles=entries, loc="upper right", fontsize=12)
 
 
 @figures.styled
@@ -207,6 +291,8 @@ def _group_boxes(ax: Axes, names: tuple[str, ...]) -> None:
 
 SHADES = ("#08306B", "#2171B5", "#6BAED6", "#41B6A6", "#7A7A7A", "#B8B8B8")
 RANK_BINS = 20
+TRACE_STEPS = 400
+"""Steps of a trace, at most: two to a dot."""
 COLUMNS = 5
 """Panels in a row where all parameters are drawn."""
 
@@ -230,15 +316,16 @@ def trace(result: Result, name: str = "lp", ax: Axes | None = None) -> Axes:
 
 
 def _walker_bands(result: Result, name: str) -> tuple[IntArray, FloatArray]:
-    """Steps, and 5, 50 and 95 % over the walkers of every ensemble at each, (ensembles, 3, steps)."""
+    """Steps, evenly spaced, and 5, 50 and 95 % over the walkers of every ensemble at each, (ensembles, 3, steps)."""
     sampled = result.draws["sample_stats"]
     steps = np.unique(sampled["step"].to_numpy())
+    every = slice(None, None, -(-len(steps) // TRACE_STEPS))
     if name == "lp":
         values = sampled["lp"].to_numpy()
     else:
         values = field_values(name, result.draws["posterior"][name].to_numpy())
-    walkers = values.reshape(len(values), -1, len(steps))
-    return steps, np.quantile(walkers, [0.05, 0.5, 0.95], axis=1).swapaxes(0, 1)
+    walkers = values.reshape(len(values), -1, len(steps))[..., every]
+    return steps[every], np.quantile(walkers, [0.05, 0.5, 0.95], axis=1).swapaxes(0, 1)
 
 
 @figures.styled

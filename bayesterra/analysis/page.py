@@ -25,7 +25,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.models.traction import SLIP_GRID
 from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values, in_order
 from bayesterra.report import numbers
-from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Overview, Table, Text, drawing, photograph
+from bayesterra.report.blocks import Block, Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import MARKS
 from bayesterra.report.sections import Draft, Prose, Section, VerdictPage
 from bayesterra.report.symbols import amount, angles, listed, quantity_of, symbol, unit, with_unit
@@ -201,7 +201,7 @@ def _verdict(row: IdentifiabilityRow) -> str:
 def sampling_section(result: Result) -> Blocks:
     """Sampling quality."""
     ranks = drawing(analysis_figures.all_ranks(result), "Rank histograms of every parameter")
-    traces = photograph(analysis_figures.traces(result), "Traces of the log density and of every parameter")
+    traces = drawing(analysis_figures.traces(result), "Traces of the log density and of every parameter")
     return (
         _checks(result), Text(_evidence(result.record)), *crosscheck(result.record), _chains(result),
         Gallery("whole", (ranks,), say("ranks")), Gallery("whole", (traces,), say("traces")),
@@ -245,10 +245,8 @@ def _chains(result: Result) -> Table:
 
 def posterior_section(result: Result) -> Blocks:
     """The posterior: table, corner plot, correlations."""
-    corner = photograph(
-        analysis_figures.corner(result),
-        "Corner plot of all pairs of parameters: posterior, prior and point estimates",
-        width=1060,
+    corner = drawing(
+        analysis_figures.corner(result), "Corner plot of all pairs of parameters: posterior, prior and point estimates"
     )
     heat = drawing(analysis_figures.correlations(result), "Correlations of all pairs of parameters")
     pairs = Gallery("whole", (corner,), say("corner", 100 * PRIOR_MASS))

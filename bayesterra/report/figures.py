@@ -206,7 +206,7 @@ def white_png(drawn: Drawn, dpi: float = 200) -> bytes:
 
 def _saved(drawn: Drawn, **options: Any) -> bytes:
     buffer, figure = BytesIO(), figure_of(drawn)
-    if figure.get_layout_engine() is None and len(figure.axes) == 1:
+    if figure.get_layout_engine() is None and len(figure.axes) == 1 and figure.axes[0].axison:
         _fit(figure)
     figure.savefig(buffer, **options)
     return buffer.getvalue()

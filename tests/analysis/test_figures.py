@@ -7,12 +7,17 @@ import numpy as np
 import pytest
 from matplotlib import pyplot
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.path import Path
+from matplotlib.transforms import Bbox
 
 from bayesterra.analysis import figures as analysis_figures
 from bayesterra.checking import validation_page
 from bayesterra.identifiability import evidence_page
-from bayesterra.report.figures import Axis, density, figure_of, png, svg
+from bayesterra.parameters import PARAMETERS
+from bayesterra.report.figures import POSTERIOR, Axis, density, figure_of, png, svg
 from bayesterra.study.result import Result
 
 SINGLE: dict[str, Callable[[Result, Axes | None], Axes]] = {
@@ -45,13 +50,42 @@ def test_figures_make_their_own_axes_outside_pyplot(name: str, small_result: Res
     assert dict(mpl.rcParams) == before
 
 
+def panel_of(patch: Patch) -> Bbox:
+    """The box, on its axes, beyond which nothing of a patch is drawn."""
+    box = patch.get_clip_box()
+    assert box is not None
+    assert patch.axes is not None
+    return box.transformed(patch.axes.transData.inverted())
+
+
 def test_corner_has_a_panel_for_every_pair(small_result: Result) -> None:
-    """The corner plot returns an array of axes with a row and a column per parameter."""
-    axes = analysis_figures.corner(small_result)
+    """Outlines of the posterior lie in a panel for every pair of parameters, and nothing is drawn beyond a panel."""
+    ax = analysis_figures.corner(small_result)
     count = len(small_result.names)
-    assert axes.shape == (count, count)
-    assert axes[-1, 0].get_xlim() == axes[0, 0].get_xlim()
-    assert [ax is None for ax in axes.ravel()] == (~np.tri(count, dtype=bool)).ravel().tolist()
+    side = 1 + analysis_figures.GAP
+    blue = [patch for patch in ax.patches if patch.get_edgecolor() == to_rgba(POSTERIOR)]
+    places = {(round(y / side), round(x / side)) for x, y in (panel_of(patch).min for patch in blue)}
+    assert places == {(count - 1 - i, j) for i in range(count) for j in range(i + 1)}
+    assert all(np.allclose(panel_of(patch).size, 1) for patch in ax.patches)
+
+
+def test_outlines_of_the_corner_hold_the_mass_that_they_say(small_result: Result) -> None:
+    """Half of the posterior lies within the inner outline of a pair, nine tenths within the outer one."""
+    pair = ["c", "phi"]
+    scale = np.array([PARAMETERS[name].scale for name in small_result.names])
+    draws = small_result.values() / scale
+    ax = analysis_figures.corner(small_result)
+    j, i = (small_result.names.index(name) for name in pair)
+    corner = (1 + analysis_figures.GAP) * np.array([j, len(small_result.names) - 1 - i])
+    limits = np.array(analysis_figures._limits(small_result, draws))[[j, i]]
+    (outlines,) = [
+        patch for patch in ax.patches
+        if patch.get_edgecolor() == to_rgba(POSTERIOR)
+        and np.allclose(panel_of(patch).min, corner)
+    ]  # fmt: skip
+    places = corner + (draws[:, [j, i]] - limits[:, 0]) / np.ptp(limits, axis=1)
+    shares = [Path(polygon).contains_points(places).mean() for polygon in outlines.get_path().to_polygons()]
+    assert sorted(shares) == pytest.approx([0.5, 0.9], abs=0.04)
 
 
 def test_ranks_and_traces_of_all_parameters_are_one_figure_each(small_result: Result) -> None:
