@@ -40,8 +40,9 @@ __all__ = [
 ]
 
 
-def warm_up() -> None:
-    """Compile every kernel, or load it from numba's cache, so that workers start with all of them ready."""
-    from bayesterra.models.batch import warm_up as warm_up_kernels  # numba is heavy: only where it is needed
+def warm_up(*names: str) -> None:
+    """Compile every kernel of models, of all without names, or load it from numba's cache, before workers start."""
+    from bayesterra.models.batch import KINDS  # numba is heavy: only where it is needed
+    from bayesterra.models.batch import warm_up as warm_up_kernels
 
-    warm_up_kernels()
+    warm_up_kernels(names or KINDS)

@@ -35,16 +35,17 @@ WARMING = "BAYESTERRA_TESTS_WARMING"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile the models once, in a process of its own, while test processes start and collect."""
+    """Compile the models once, in two processes of their own, while test processes start and collect."""
     if hasattr(config, "workerinput"):
         return
     with NamedTemporaryFile(delete=False) as file:
-        flock(file, LOCK_EX)  # the process that inherits the file holds the lock until it ends
-        command = [sys.executable, "-c", "from bayesterra.models import warm_up; warm_up()"]
-        warming = subprocess.Popen(command, pass_fds=[file.fileno()])
+        flock(file, LOCK_EX)  # the processes that inherit the file hold the lock until the last one ends
+        commands = [f"from bayesterra.models import warm_up; warm_up({names})" for names in ("'M1'", "'M2', 'M2L'")]
+        warming = [subprocess.Popen([sys.executable, "-c", each], pass_fds=[file.fileno()]) for each in commands]
 
     def ended() -> None:
-        warming.wait()
+        for process in warming:
+            process.wait()
 
     config.add_cleanup(ended)
     os.environ[WARMING] = file.name
