@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
@@ -25,6 +26,8 @@ BUG, BAD_INPUT, INTERRUPTED = 1, 2, 130
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; without arguments it shows the help."""
+    if arguments is None:  # a process of its own: cycles among the many objects of libraries are looked for less often
+        gc.set_threshold(100_000, 20, 100)
     arguments = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     if ALLOW_CODE in arguments:  # of all commands, wherever it stands
         arguments = [ALLOW_CODE, *(each for each in arguments if each != ALLOW_CODE)]
