@@ -20,6 +20,7 @@ from bayesterra.errors import StudyError, SupportError
 from bayesterra.least_squares.results import error_figure
 from bayesterra.least_squares.settings import Settings
 from bayesterra.least_squares.solver import Box, ClippedModel, Minimum, clip, excess_jacobian, minimise, of_the_paper
+from bayesterra.likelihood.nodes import Squares
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.models.decoupled import MARGIN, leaving
 from bayesterra.parameters import SOIL_PARAMETERS, columns_of
@@ -50,6 +51,7 @@ class WeightedMisfit:
     columns : which outcomes were measured, among those of the drive.
     measured, sd : readings and standard deviations (m, channels); readings are NaN where not measured.
     lower, upper : (k,) ranges of the parameters.
+    squares : of every channel, where the rows of ``model`` are nodes that tell those of the readings.
     """
 
     model: ClippedModel
@@ -58,6 +60,17 @@ class WeightedMisfit:
     sd: FloatArray
     lower: FloatArray
     upper: FloatArray
+    squares: tuple[Squares, ...] = ()
+
+    def told(self) -> WeightedMisfit:
+        """The misfit of many rows by few residuals, as near as nodes tell the model there; else itself."""
+        nodes = self.model.forward.nodes
+        if nodes is None:
+            return self
+        few = replace(self.model.forward, conditions=nodes.conditions, given=nodes.load, as_read=False)
+        channels = zip(self.measured.T, self.sd.T, strict=True)
+        sums = tuple(Squares.of(readings, sd, nodes.spread) for readings, sd in channels)
+        return replace(self, model=ClippedModel(few), squares=sums)
 
     @property
     def _slip(self) -> FloatArray:
@@ -69,8 +82,11 @@ class WeightedMisfit:
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Residuals of the readings, then 2 m + k penalties; NaN where no sinkage carries a load."""
-        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip, names=self.model.forward.model.parameters)
-        misfit = ((self.predicted(theta) - self.measured) / self.sd)[read]
+        clipped, predicted = clip(theta, self._slip, names=self.model.forward.model.parameters), self.predicted(theta)
+        if self.squares:
+            misfit = np.concatenate([sums.residuals(v) for sums, v in zip(self.squares, predicted.T, strict=True)])
+        else:
+            misfit = ((predicted - self.measured) / self.sd)[~np.isnan(self.measured)]
         penalties = np.concatenate([clipped.angle, clipped.exponent, self._outside(theta) / self._size])
         return np.concatenate([misfit, PENALTY * penalties])
 
@@ -84,8 +100,12 @@ class WeightedMisfit:
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Derivatives of :meth:`values` by the parameters."""
-        read, clipped = ~np.isnan(self.measured), clip(theta, self._slip, names=self.model.forward.model.parameters)
-        misfit = (self.model.jacobian(theta)[:, self.columns] / self.sd[..., None])[read]
+        clipped = clip(theta, self._slip, names=self.model.forward.model.parameters)
+        slopes = self.model.jacobian(theta)[:, self.columns]
+        if self.squares:
+            misfit = np.concatenate([sums.slopes(slopes[:, i]) for i, sums in enumerate(self.squares)])
+        else:
+            misfit = (slopes / self.sd[..., None])[~np.isnan(self.measured)]
         outside = np.diag((self._outside(theta) != 0) / self._size)
         return np.concatenate([misfit, PENALTY * excess_jacobian(clipped, self._slip), PENALTY * outside])
 
@@ -126,7 +146,8 @@ def fit_joint(posterior: Posterior, settings: Settings, starts: list[FloatArray]
     feasible = [start for start in inside if np.isfinite(misfit.values(start)).all()]
     if not feasible:
         raise SupportError("joint: the model has no answer for the conditions of the data at any start value")
-    minima = [minimise(misfit, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS) for start in feasible]
+    search = misfit.told()
+    minima = [minimise(search, start, box, tolerance=COARSE, evaluations=COARSE_EVALUATIONS) for start in feasible]
     best = _refined(misfit, min(minima, key=attrgetter("cost")), box)
     reached = sum(minimum.cost <= best.cost + SAME_COST for minimum in minima)
     path = [best.theta]

@@ -181,6 +181,9 @@ def excess_jacobian(clipped: Clip, slip: FloatArray) -> FloatArray:
     return out.reshape(-1, width)
 
 
+_Run = Callable[[Forward, FloatArray], FloatArray]
+
+
 @dataclass(frozen=True)
 class ClippedModel:
     """A model held at its rows, with rows outside its range clipped.
@@ -198,7 +201,7 @@ class ClippedModel:
         def run(part: Forward, row: FloatArray) -> FloatArray:
             return np.asarray(part.answers(row, part.conditions, part.given)[0][0])
 
-        return self._by_group(self._clipped(theta).theta, run, (self.forward.width,))
+        return self._by_group(theta, self._clipped(theta).theta, run, (self.forward.width,))
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
         """Exact derivatives (m, 3, k) of the outcomes."""
@@ -207,20 +210,27 @@ class ClippedModel:
             return part.slopes(row, part.conditions, part.given)[1][0, :, :, : row.shape[1]]
 
         clipped = self._clipped(theta)
-        return chain(self._by_group(clipped.theta, run, (self.forward.width, len(theta))), clipped)
+        return chain(self._by_group(theta, clipped.theta, run, (self.forward.width, len(theta))), clipped)
 
     def _clipped(self, theta: FloatArray) -> Clip:
         return clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters)
 
     def _by_group(
-        self, rows: FloatArray, run: Callable[[Forward, FloatArray], FloatArray], shape: tuple[int, ...]
+        self,
+        theta: FloatArray,
+        rows: FloatArray,
+        run: Callable[[Forward, FloatArray], FloatArray],
+        shape: tuple[int, ...],
     ) -> FloatArray:
-        """Run the rows that share parameters together."""
+        """Run the rows that share parameters together: those that are not clipped have ``theta``."""
         if np.all(rows == rows[0]):
             return run(self.forward, rows[:1])
         out = np.empty((len(rows), *shape))
-        sets, which = np.unique(rows, axis=0, return_inverse=True)
-        for i in range(len(sets)):
+        clipped = np.flatnonzero((rows != theta).any(axis=1))
+        clips, kind = np.unique(rows[clipped], axis=0, return_inverse=True)
+        sets, which = np.vstack([theta, clips]), np.zeros(len(rows), dtype=np.int64)
+        which[clipped] = 1 + kind.ravel()
+        for i in np.unique(which):
             mask = which == i
             conditions = take(self.forward.conditions, mask)
             part = replace(self.forward, conditions=conditions, given=self.forward.given[mask])

@@ -112,4 +112,12 @@ class Squares:
 
     def __call__(self, values: FloatArray) -> FloatArray:
         """Sums (n,) for outcomes (n, k) of the nodes."""
-        return np.asarray(((values @ self.root[:, :-1].T - self.root[:, -1]) ** 2).sum(axis=1))
+        return np.asarray((self.residuals(values) ** 2).sum(axis=1))
+
+    def residuals(self, values: FloatArray) -> FloatArray:
+        """Few residuals (..., r) with the same sum of squares, for outcomes (..., k) of the nodes."""
+        return values @ self.root[:, :-1].T - self.root[:, -1]
+
+    def slopes(self, derivatives: FloatArray) -> FloatArray:
+        """Derivatives (r, p) of :meth:`residuals`, from those (k, p) of the outcomes."""
+        return self.root[:, :-1] @ derivatives

@@ -199,3 +199,25 @@ def test_moduli_without_ends_leave_a_finite_start(make_paper_study: MakeStudy, n
     assert 0 < settings.lower[0] < settings.start[0]
     assert np.isposinf(settings.upper[0])
     assert fit(study, methods=("joint",))["joint"].converged
+
+
+def test_many_rows_are_searched_by_few_residuals_of_the_same_sum(
+    make_paper_study: MakeStudy, noisy: pd.DataFrame, soil: Soil
+) -> None:
+    """Of 300 rows of one wheel: sum of squares and its slopes as of all rows, from a third of their residuals."""
+    rng = np.random.default_rng(2)
+    slip = np.sort(rng.uniform(0.05, 0.6, 300))
+    columns = {name: np.interp(slip, noisy["slip"], noisy[name]) for name in noisy.columns if name != "wheel"}
+    data = pd.DataFrame({"wheel": "Wh32", **columns, "slip": slip})
+    study = make_paper_study("M1", "Wh32", soil, data=data, priors={"set": "paper-box"})
+    whole = posterior(study).likelihood
+    sd = np.broadcast_to([5e-4, 0.7, 0.15], whole.measured.shape)
+    held = np.full(len(soil.as_array()), np.inf)
+    misfit = WeightedMisfit(ClippedModel(whole.forward), (0, 1, 2), whole.measured, sd, -held, held)
+    told = misfit.told()
+    for theta in (soil.as_array(), 1.05 * soil.as_array()):
+        every, few = misfit.values(theta), told.values(theta)
+        assert few.size < every.size / 3
+        assert np.sum(few**2) == pytest.approx(np.sum(every**2), rel=1e-7)
+        slopes, of_few = misfit.jacobian(theta).T @ every, told.jacobian(theta).T @ few
+        np.testing.assert_allclose(of_few, slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max())
