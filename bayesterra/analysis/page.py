@@ -14,7 +14,7 @@ from bayesterra.analysis import figures as analysis_figures
 from bayesterra.analysis.figures import PRIOR_MASS
 from bayesterra.analysis.findings_page import Finding, findings, strip
 from bayesterra.analysis.soil_tests_page import soil_tests_sections
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.checking import validation_page
 from bayesterra.checking.validation import complete_soils, estimates, spread_draws
 from bayesterra.identifiability.evidence_page import identifiability_section
@@ -295,7 +295,8 @@ def _residuals(result: Result) -> Gallery:
     return Gallery("small", pictures, say("residuals", marks))
 
 
-FEW = 3
+FEW, SLIPS = 3, 30
+"""Slips of the small table of the first screen, and of the large one at most."""
 
 
 @dataclass(frozen=True)
@@ -366,19 +367,19 @@ def _at_slips(
     outcomes = [name for name in channels if name in curves["outcome"]]
     drawn = {name: field_values(name, curves["modelled"].sel(outcome=name).to_numpy()) for name in outcomes}
     heads = [head for name in outcomes for head in (with_unit(name), "90 %")]
-    rows = []
+    at, rows = curves["slip"].to_numpy(), []
     for slip in slips:
         cells: list[Cell] = [f"{slip:.3g}"]
         for name in outcomes:
-            bands = drawn[name][[0, 2, 4]]
-            low, middle, high = (np.interp(slip, curves["slip"].to_numpy(), band) for band in bands)
+            low, middle, high = (np.interp(slip, at, band) for band in drawn[name][[0, 2, 4]])
             cells += numbers.estimate(middle, low, high)
         rows.append(tuple(cells))
     return (Markup("at slip {}").format(symbol("slip")), *heads), tuple(rows)
 
 
 def slip_table(result: Result, wheel: str) -> Table:
-    """All outcomes at every driven slip of a wheel."""
+    """All outcomes at every driven slip of a wheel; at ``SLIPS`` of more."""
     outcomes = tuple(str(name) for name in result.draws["curves"]["outcome"].to_numpy())
-    header, rows = _at_slips(result, wheel, outcomes, driven_slips(result, wheel))
-    return Table(say("slip_table", wheel), "l" + "rr" * len(outcomes), header, rows)
+    slips = driven_slips(result, wheel)
+    header, rows = _at_slips(result, wheel, outcomes, spaced(slips, SLIPS))
+    return Table(say("slip_table", wheel, len(slips), len(rows)), "l" + "rr" * len(outcomes), header, rows)

@@ -26,6 +26,8 @@ from bayesterra.study.study import Study
 
 TOLERANCE = 0.03
 """Slips nearer than this count as one level."""
+WIDEST = 4
+"""Tolerances that a level is wide, at most."""
 SAME_LOAD = 0.1
 """Loads nearer than this share count as one level."""
 WAYS = ("slip", "wheel", "load", "row")
@@ -45,12 +47,26 @@ class Fold:
 def clusters(values: FloatArray, tolerance: float) -> IntArray:
     """Number of the cluster of each value (m,), ascending; a gap wider than ``tolerance`` parts two.
 
+    Values without a gap, as of a log, are no level: wider than ``WIDEST`` tolerances they are cut into equal ranges.
+
     >>> clusters(np.array([0.5, 0.02, 0.51, 0.0]), 0.03).tolist()
     [1, 0, 1, 0]
+    >>> clusters(np.array([0.0, 0.02, 0.04, 0.06, 0.08, 0.1]), 0.02).tolist()
+    [0, 0, 0, 1, 1, 1]
     """
     order = np.argsort(values, kind="stable")
     numbers = np.zeros(len(values), dtype=np.int64)
-    numbers[order[1:]] = np.cumsum(np.diff(values[order]) > tolerance)
+    if not len(values) or not tolerance:
+        numbers[order[1:]] = np.cumsum(np.diff(values[order]) > tolerance)
+        return numbers
+    first = 0
+    for run in np.split(order, np.flatnonzero(np.diff(values[order]) > tolerance) + 1):
+        span = values[run[-1]] - values[run[0]]
+        parts = max(1, int(np.ceil(span / (WIDEST * tolerance) - 1e-9)))
+        edges = values[run[0]] + span * np.arange(1, parts) / parts
+        _, place = np.unique(np.searchsorted(edges, values[run], side="right"), return_inverse=True)
+        numbers[run] = first + place
+        first = int(numbers[run[-1]]) + 1
     return numbers
 
 

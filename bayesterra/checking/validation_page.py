@@ -119,6 +119,10 @@ def _pit(result: Result, loo: CrossValidation) -> Blocks:
     return (Gallery("small", pictures, say("pit", outside)),)
 
 
+MANY = 100
+"""Rows above which marks are small, and dots in a drawing."""
+
+
 @styled
 def loo_pit(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     """Draw the distribution of one channel's LOO-PIT values less the uniform one.
@@ -180,11 +184,13 @@ def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
     rows = result.study.observations
     mine = np.array([name == wheel for name in rows.wheel])
     values, sd = field_values(channel, rows.values[channel]), field_values(channel, _noise(result, channel))
+    many = mine.sum() > MANY
+    ax.set_rasterization_zorder(7 if many else None)
     for use, face in ((True, DATA), (False, "white")):
         chosen: BoolArray = mine & (rows.use == use)
         ax.errorbar(
             rows.slip[chosen], values[chosen], yerr=sd[chosen], fmt="o", color=DATA, markerfacecolor=face,
-            markersize=4, elinewidth=0.9, zorder=6,
+            markersize=1.5 if many else 4, elinewidth=0.4 if many else 0.9, zorder=6,
         )  # fmt: skip
     return np.concatenate([(values - sd)[mine], (values + sd)[mine]])
 
@@ -216,22 +222,24 @@ def residuals(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     reach = float(np.clip(farthest + 0.3, 3.2, 8.0))  # all up to eight standard deviations
     ax.axhspan(-2, 2, color=PRIOR, alpha=0.15, linewidth=0)
     ax.axhline(0, color=INK, linewidth=0.7)
-    ax.vlines(slip, low, high, color=POSTERIOR, linewidth=4, alpha=0.45)
-    ax.plot(slip, z.mean(axis=0), "o", color=POSTERIOR, markersize=5)
+    many = len(slip) > MANY
+    ax.set_rasterization_zorder(5 if many else None)
+    ax.vlines(slip, low, high, color=POSTERIOR, linewidth=1 if many else 4, alpha=0.45)
+    ax.plot(slip, z.mean(axis=0), "o", color=POSTERIOR, markersize=2 if many else 5)
     step = 0.014 * float(np.ptp(slip) or 1.0)
     for place, (name, values) in enumerate(methods.items(), start=1):
-        _marks(ax, name, slip + place * step, values, reach)
+        _marks(ax, name, slip + (not many) * place * step, values, reach, 2.0 if many else 4.5)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=f"residual of ${CHANNELS[channel].latex}$ [sd]")
     ax.set_ylim(-1.06 * reach, 1.06 * reach)
     return ax
 
 
-def _marks(ax: Axes, method: str, slip: FloatArray, values: FloatArray, reach: float) -> None:
+def _marks(ax: Axes, method: str, slip: FloatArray, values: FloatArray, reach: float, size: float) -> None:
     mark, far = MARKS[method], np.abs(values) > reach
     for chosen, face in ((~far, mark.colour), (far, "none")):
         held = np.clip(values[chosen], -reach, reach)
         ax.plot(
-            slip[chosen], held, mark.marker, color=mark.colour, markerfacecolor=face, markersize=4.5,
+            slip[chosen], held, mark.marker, color=mark.colour, markerfacecolor=face, markersize=size,
             zorder=4, clip_on=False,
         )  # fmt: skip
 

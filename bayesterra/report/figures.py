@@ -182,7 +182,7 @@ def css_width(drawn: Drawn) -> int:
 @styled
 def svg(drawn: Drawn) -> bytes:
     """The figure as SVG, the same bytes each time."""
-    return _saved(drawn, format="svg", metadata={"Date": None, "Creator": None})
+    return _saved(drawn, format="svg", dpi=192, metadata={"Date": None, "Creator": None})
 
 
 @styled

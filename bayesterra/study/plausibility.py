@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.stats import chi2
@@ -49,10 +48,12 @@ def repeats(rows: Observations, noise: Mapping[str, Noise]) -> dict[str, Repeats
     """Repeats by channel, of rows in the fit with the same wheel, load and slip; none where there are none."""
     used, found = rows.used().numbers(), dict[str, Repeats]()
     driven = list(zip(used.wheel, map(_level, used.load.tolist()), used.slip.tolist(), strict=True))
-    group = np.zeros(len(used), dtype=np.int64)
-    for before, i in pairwise(sorted(range(len(used)), key=driven.__getitem__)):
-        near = driven[i][:2] == driven[before][:2] and driven[i][2] - driven[before][2] < SAME_SLIP
-        group[i] = group[before] + (not near)
+    group, first, number = np.zeros(len(used), dtype=np.int64), -1, -1
+    for i in sorted(range(len(used)), key=driven.__getitem__):
+        near = first >= 0 and driven[i][:2] == driven[first][:2] and driven[i][2] - driven[first][2] < SAME_SLIP
+        if not near:  # of the first one: row by row, a log would all be one condition
+            first, number = i, number + 1
+        group[i] = number
     for name, law in noise.items():
         values, apart, freedom, stated = _read(used, name), 0.0, 0, list[float]()
         for level in np.unique(group):

@@ -51,6 +51,18 @@ def test_what_the_table_has_two_of_is_left_out() -> None:
     }  # fmt: skip
 
 
+def test_a_log_has_levels_too() -> None:
+    """Slips without a gap between them are cut into equal ranges: else nothing could be left out of a log."""
+    slip = np.linspace(0.05, 0.6, 300)
+    data = pd.DataFrame({name: np.interp(slip, TABLE["slip"][:3], TABLE[name][:3]) for name in TABLE.columns[2:]
+                         if pd.api.types.is_numeric_dtype(TABLE[name])})  # fmt: skip
+    study = made(pooling=None, data=data.assign(wheel="Wh32", site="a", slip=slip))
+    folds = ways(study)["slip"]
+    assert len(folds) == 5
+    assert max(float(np.ptp(slip[fold.left])) for fold in folds) < 0.13
+    assert np.sum([fold.left for fold in folds], axis=0).tolist() == [1] * 300
+
+
 def test_rows_that_are_not_used_are_no_level() -> None:
     """Places count the rows in the fit only."""
     study = made(pooling=None, data=TABLE.assign(use=[1, 0, 1, 1, 0, 1]))

@@ -233,3 +233,15 @@ def test_noise_that_repeats_contradict_is_warned_of(scatter: float, warned: bool
     assert float(str(shown.rows[-1][4])) == pytest.approx(scatter, rel=0.5)
     estimated = study(repeated(scatter), noise={**NOISE, "drawbar_pull": ESTIMATED})
     assert not any(line.startswith("drawbar_pull") for line in estimated.warnings)
+
+
+def test_a_log_does_not_repeat_one_condition() -> None:
+    """Slips that follow one another closely, from 0.05 to 0.6, are many conditions: their trend is no noise."""
+    rng, slip = default_rng(3), np.linspace(0.05, 0.6, 400)
+    data = pd.DataFrame({name: np.interp(slip, table()["slip"], table()[name]) for name in (SINKAGE, PULL, MOMENT)})
+    for name, size in ((SINKAGE, 1.0), (PULL, 1.0), (MOMENT, 0.3)):
+        data[name] += size * rng.standard_normal(len(data))
+    made = study(data.assign(**{"slip": slip, "load [N]": 80.0}))
+    assert not [line for line in made.warnings if "repeats to" in line]
+    assert made.repeats["drawbar_pull"].sd == pytest.approx(1.0, rel=0.1)
+    assert made.repeats["drawbar_pull"].freedom == 300  # four rows to a condition
