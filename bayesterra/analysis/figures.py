@@ -135,7 +135,7 @@ class _Panels:
 
 def _ticks(low: float, high: float) -> FloatArray:
     values = np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], prune="lower").tick_values(low, high))
-    return values[(values >= low) & (values <= high)]
+    return values[(values >= low + 0.06 * (high - low)) & (values <= high)]  # the neighbour has a number at the end
 
 
 class _Outlines:

@@ -283,7 +283,11 @@ def _bands(result: Result, wheel: str) -> Gallery:
         drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}") for name, axes in drawn.items()
     )
     lines = listed(f"{name} {MARKS[name].line}" for name in complete_soils(result))
-    return Gallery("small", pictures, say("bands", wheel, result.study.drive.level, lines))
+    return Gallery(
+        "small",
+        pictures,
+        say("bands", wheel, result.study.drive.level, lines, not validation_page.has_many(result, wheel)),
+    )
 
 
 def _residuals(result: Result) -> Gallery:

@@ -177,6 +177,11 @@ def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: s
     return ax
 
 
+def has_many(result: Result, wheel: str) -> bool:
+    """True for a wheel whose readings are dots without bars."""
+    return result.study.observations.wheel.count(wheel) > MANY
+
+
 def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
     """Draw the readings of a wheel; returns all values that must stay in view."""
     if channel not in result.study.noise:
@@ -184,13 +189,13 @@ def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
     rows = result.study.observations
     mine = np.array([name == wheel for name in rows.wheel])
     values, sd = field_values(channel, rows.values[channel]), field_values(channel, _noise(result, channel))
-    many = mine.sum() > MANY
+    many = has_many(result, wheel)
     ax.set_rasterization_zorder(7 if many else None)
     for use, face in ((True, DATA), (False, "white")):
         chosen: BoolArray = mine & (rows.use == use)
         ax.errorbar(
-            rows.slip[chosen], values[chosen], yerr=sd[chosen], fmt="o", color=DATA, markerfacecolor=face,
-            markersize=1.5 if many else 4, elinewidth=0.4 if many else 0.9, zorder=6,
+            rows.slip[chosen], values[chosen], yerr=None if many else sd[chosen], fmt="o", color=DATA,
+            markerfacecolor=face, markersize=1.0 if many else 4, elinewidth=0.9, zorder=1 if many else 6,
         )  # fmt: skip
     return np.concatenate([(values - sd)[mine], (values + sd)[mine]])
 
@@ -224,23 +229,23 @@ def residuals(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     ax.axhline(0, color=INK, linewidth=0.7)
     many = len(slip) > MANY
     ax.set_rasterization_zorder(5 if many else None)
-    ax.vlines(slip, low, high, color=POSTERIOR, linewidth=1 if many else 4, alpha=0.45)
-    ax.plot(slip, z.mean(axis=0), "o", color=POSTERIOR, markersize=2 if many else 5)
+    ax.vlines(slip, low, high, color=POSTERIOR, linewidth=1 if many else 4, alpha=0.45, zorder=3)
+    ax.plot(slip, z.mean(axis=0), "o", color=POSTERIOR, markersize=1.5 if many else 5, zorder=3)
     step = 0.014 * float(np.ptp(slip) or 1.0)
     for place, (name, values) in enumerate(methods.items(), start=1):
-        _marks(ax, name, slip + (not many) * place * step, values, reach, 2.0 if many else 4.5)
+        _marks(ax, name, slip + (not many) * place * step, values, reach, many=many)
     ax.set(xlabel="slip ratio $s$ [–]", ylabel=f"residual of ${CHANNELS[channel].latex}$ [sd]")
     ax.set_ylim(-1.06 * reach, 1.06 * reach)
     return ax
 
 
-def _marks(ax: Axes, method: str, slip: FloatArray, values: FloatArray, reach: float, size: float) -> None:
+def _marks(ax: Axes, method: str, slip: FloatArray, values: FloatArray, reach: float, *, many: bool) -> None:
     mark, far = MARKS[method], np.abs(values) > reach
     for chosen, face in ((~far, mark.colour), (far, "none")):
         held = np.clip(values[chosen], -reach, reach)
         ax.plot(
-            slip[chosen], held, mark.marker, color=mark.colour, markerfacecolor=face, markersize=size,
-            zorder=4, clip_on=False,
+            slip[chosen], held, mark.marker, color=mark.colour, markerfacecolor=face,
+            markersize=1.5 if many else 4.5, zorder=2 if many else 4, clip_on=False,
         )  # fmt: skip
 
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 Cell: TypeAlias = str | Markup
 HALF = 104
 """Letters, at most, of a table that takes half of a page."""
+LONG = 61
+"""Rows above which a table is long; see ``style.css``."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,11 @@ class Table:
         """Whether its cells need more than half of a page."""
         longest = (max(map(_length, column)) for column in zip(self.header, *self.rows, strict=True))
         return sum(min(length, 40) + 3 for length in longest) > HALF
+
+    @property
+    def long(self) -> bool:
+        """Whether it scrolls on a screen, and ends early on paper."""
+        return len(self.rows) > LONG
 
     @property
     def sides(self) -> tuple[str, ...]:

@@ -153,3 +153,12 @@ def test_logarithmic_axes_place_by_ratio() -> None:
     along = Axis(100.0, 10_000.0, log=True, bounds=(100.0, 10_000.0))
     assert along.position(1000.0) == pytest.approx(0.5)
     assert along.position(50.0) < 0
+
+
+def test_rows_of_a_log_are_dots(small_result: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beyond so many rows marks are part of a picture within the drawing, and small; else each is drawn itself."""
+    plain = svg(validation_page.residuals(small_result, "sinkage"))
+    assert b"<image" not in plain
+    monkeypatch.setattr(validation_page, "MANY", 2)
+    assert b"<image" in svg(validation_page.residuals(small_result, "sinkage"))
+    assert b"<image" in svg(validation_page.predictive(small_result, "sinkage"))

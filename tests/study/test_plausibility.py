@@ -241,7 +241,8 @@ def test_a_log_does_not_repeat_one_condition() -> None:
     data = pd.DataFrame({name: np.interp(slip, table()["slip"], table()[name]) for name in (SINKAGE, PULL, MOMENT)})
     for name, size in ((SINKAGE, 1.0), (PULL, 1.0), (MOMENT, 0.3)):
         data[name] += size * rng.standard_normal(len(data))
-    made = study(data.assign(**{"slip": slip, "load [N]": 80.0}))
+    data["slip"], data["load [N]"] = slip, 80.0
+    made = study(data)
     assert not [line for line in made.warnings if "repeats to" in line]
     assert made.repeats["drawbar_pull"].sd == pytest.approx(1.0, rel=0.1)
     assert made.repeats["drawbar_pull"].freedom == 300  # four rows to a condition
