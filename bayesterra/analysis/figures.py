@@ -138,12 +138,13 @@ def _ticks(low: float, high: float) -> FloatArray:
     return values[(values >= low + 0.06 * (high - low)) & (values <= high)]  # the neighbour has a number at the end
 
 
-class _Outlines:
-    """What stands for axes where corner draws contours of a pair: keeps lines (n, 2), and the area within."""
+@dataclass(frozen=True)
+class _Panel:
+    """What stands for the axes of a pair where corner draws contours."""
 
-    def __init__(self) -> None:
-        self.lines: list[FloatArray] = []
-        self.areas: list[FloatArray] = []
+    panels: _Panels
+    i: int
+    j: int
 
     def get_facecolor(self) -> str:
         return "none"
@@ -153,48 +154,42 @@ class _Outlines:
 
     set_ylim = set_xscale = set_yscale = set_xlim
 
-    def contour(self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, **_look: Any) -> None:
-        lines: Any = contour_generator(x, y, z)
-        self.lines += [line for level in levels for line in lines.lines(level)]
+    def contour(
+        self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, *, colors: str, **look: Any
+    ) -> None:
+        found: Any = contour_generator(x, y, z)
+        lines = [line for level in levels for line in found.lines(level)]
+        self.panels.add(self.i, self.j, lines, fill=False, ec=colors, **look)
 
-    def contourf(self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, **_look: Any) -> None:
-        filled: Any = contour_generator(x, y, z, fill_type=FillType.OuterOffset).filled(levels[-2], levels[-1])
-        for points, offsets in zip(*filled, strict=True):
-            self.areas += [points[start:end] for start, end in pairwise(offsets)]
-
-
-@dataclass(frozen=True)
-class _Layer:
-    """How corner smooths draws into outlines, and how these look."""
-
-    settings: Mapping[str, Any]
-    line: Mapping[str, Any]
-    area: Mapping[str, Any]
+    def contourf(
+        self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, *, colors: str = "", **_: Any
+    ) -> None:
+        if colors:  # else it would hide points, of which there are none
+            found: Any = contour_generator(x, y, z, fill_type=FillType.OuterOffset).filled(levels[-2], levels[-1])
+            areas = [points[start:end] for points, ends in zip(*found, strict=True) for start, end in pairwise(ends)]
+            self.panels.add(self.i, self.j, areas, fc=colors, lw=0.0)
 
 
-_BARE = {"plot_datapoints": False, "plot_density": False}
-_PRIOR = _Layer(
-    {**_BARE, "bins": PRIOR_BINS, "smooth": 3.0, "levels": (PRIOR_MASS,), "fill_contours": True},
-    {"edgecolor": figures.PRIOR, "alpha": 0.4, "linewidth": 0.7},
-    {"facecolor": PALE, "linewidth": 0.0},
-)
+_PRIOR = {
+    "bins": PRIOR_BINS, "smooth": 3.0, "levels": (PRIOR_MASS,), "fill_contours": True, "color": figures.PRIOR,
+    "contour_kwargs": {"alpha": 0.4, "linewidth": 0.7}, "contourf_kwargs": {"colors": PALE},
+}  # fmt: skip
 """On the prior's whole range, so that the area holds the mass it says, smoothed over three bins of 30."""
-_POSTERIOR = _Layer(
-    {**_BARE, "bins": CORNER_BINS, "smooth": 1.2, "levels": figures.PROBABILITIES, "no_fill_contours": True},
-    {"edgecolor": figures.POSTERIOR, "linewidth": 1.3},
-    {},
-)
+_POSTERIOR = {
+    "bins": CORNER_BINS, "smooth": 1.2, "levels": figures.PROBABILITIES, "no_fill_contours": True,
+    "color": figures.POSTERIOR, "contour_kwargs": {"linewidth": 1.3},
+}  # fmt: skip
 
 
-def _outlines(panels: _Panels, draws: FloatArray, ranges: list[tuple[float, float]], layer: _Layer) -> None:
+def _outlines(
+    panels: _Panels, draws: FloatArray, ranges: list[tuple[float, float]], settings: Mapping[str, Any]
+) -> None:
     """Contours of all pairs, of draws on these ranges."""
-    places = [panels.along(i, column) for i, column in enumerate(draws.T)]
+    at = [panels.along(i, column) for i, column in enumerate(draws.T)]
     ends = [tuple(panels.along(i, np.array(pair))) for i, pair in enumerate(ranges)]
+    bare: dict[str, Any] = {"plot_datapoints": False, "plot_density": False}
     for j, i in combinations(range(len(ranges)), 2):
-        kept = _Outlines()
-        _hist2d()(places[j], places[i], range=(ends[j], ends[i]), ax=kept, **layer.settings)
-        panels.add(i, j, kept.areas, **layer.area)
-        panels.add(i, j, kept.lines, fill=False, **layer.line)
+        _hist2d()(at[j], at[i], range=(ends[j], ends[i]), ax=_Panel(panels, i, j), **bare, **settings)
 
 
 def _marginals(panels: _Panels, result: Result, prior: FloatArray, posterior: FloatArray) -> None:

@@ -283,11 +283,8 @@ def _bands(result: Result, wheel: str) -> Gallery:
         drawing(axes, f"{CHANNELS[name].description} over slip, wheel {wheel}") for name, axes in drawn.items()
     )
     lines = listed(f"{name} {MARKS[name].line}" for name in complete_soils(result))
-    return Gallery(
-        "small",
-        pictures,
-        say("bands", wheel, result.study.drive.level, lines, not validation_page.has_many(result, wheel)),
-    )
+    bars = result.study.observations.wheel.count(wheel) <= validation_page.MANY
+    return Gallery("small", pictures, say("bands", wheel, result.study.drive.level, lines, bars))
 
 
 def _residuals(result: Result) -> Gallery:

@@ -56,13 +56,10 @@ def clusters(values: FloatArray, tolerance: float) -> IntArray:
     """
     order = np.argsort(values, kind="stable")
     numbers = np.zeros(len(values), dtype=np.int64)
-    if not len(values) or not tolerance:
-        numbers[order[1:]] = np.cumsum(np.diff(values[order]) > tolerance)
-        return numbers
     first = 0
-    for run in np.split(order, np.flatnonzero(np.diff(values[order]) > tolerance) + 1):
+    for run in np.split(order, np.flatnonzero(np.diff(values[order]) > tolerance) + 1) if len(order) else ():
         span = values[run[-1]] - values[run[0]]
-        parts = max(1, int(np.ceil(span / (WIDEST * tolerance) - 1e-9)))
+        parts = int(np.ceil(span / (WIDEST * tolerance) - 1e-9)) if span else 1
         edges = values[run[0]] + span * np.arange(1, parts) / parts
         _, place = np.unique(np.searchsorted(edges, values[run], side="right"), return_inverse=True)
         numbers[run] = first + place

@@ -177,11 +177,6 @@ def predictive(result: Result, channel: str, ax: Axes | None = None, *, wheel: s
     return ax
 
 
-def has_many(result: Result, wheel: str) -> bool:
-    """True for a wheel whose readings are dots without bars."""
-    return result.study.observations.wheel.count(wheel) > MANY
-
-
 def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
     """Draw the readings of a wheel; returns all values that must stay in view."""
     if channel not in result.study.noise:
@@ -189,7 +184,7 @@ def _readings(ax: Axes, result: Result, channel: str, wheel: str) -> FloatArray:
     rows = result.study.observations
     mine = np.array([name == wheel for name in rows.wheel])
     values, sd = field_values(channel, rows.values[channel]), field_values(channel, _noise(result, channel))
-    many = has_many(result, wheel)
+    many = mine.sum() > MANY
     ax.set_rasterization_zorder(7 if many else None)
     for use, face in ((True, DATA), (False, "white")):
         chosen: BoolArray = mine & (rows.use == use)

@@ -14,7 +14,7 @@ from bayesterra.reduce.branch import Branch
 from bayesterra.reduce.log import LOGGED, Log
 from bayesterra.reduce.reduction import Reduction
 from bayesterra.reduce.windows import Window
-from bayesterra.report.blocks import Block, Blocks, Gallery, Overview, Table, Text, photograph
+from bayesterra.report.blocks import Block, Blocks, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, literal, new_figure, styled
 from bayesterra.report.sections import Prose, Section, VerdictPage
 
@@ -92,10 +92,8 @@ def _pictures(reduction: Reduction) -> Blocks:
         windows = [window for window in reduction.windows if window.log == log.name]
         if windows:
             caption = "Blue: steady windows, with their means; grey: rejected stretches."
-            shown.append(
-                Gallery("whole", (photograph(drive_over_time(log, windows), f"{log.name} over time"),), caption)
-            )
-    curves = tuple(photograph(branch_curve(b), f"{b.test}, loading branch") for b in reduction.branches[: 2 * FEW_LOGS])
+            shown.append(Gallery("whole", (drawing(drive_over_time(log, windows), f"{log.name} over time"),), caption))
+    curves = tuple(drawing(branch_curve(b), f"{b.test}, loading branch") for b in reduction.branches[: 2 * FEW_LOGS])
     if curves:
         shown.append(Gallery("half", curves, "Grey: all samples; blue: loading branch; black: readings."))
     return tuple(shown)
@@ -111,7 +109,7 @@ def drive_over_time(log: Log, windows: list[Window]) -> FloatArray:
     thin = slice(None, None, max(len(time) // MOST_POINTS, 1))
     for ax, name in zip(axes, names, strict=True):
         channel = LOGGED[name]
-        ax.plot(time[thin], log.values[name][thin] / channel.scale, color=DATA, linewidth=0.4)
+        ax.plot(time[thin], log.values[name][thin] / channel.scale, color=DATA, linewidth=0.4, rasterized=True)
         ax.set_ylabel(f"{channel.symbol} [{channel.unit}]")
         for window in windows:
             colour = REJECTED if window.rejected else POSTERIOR
@@ -142,8 +140,9 @@ def branch_curve(branch: Branch) -> Axes:
     channel, values = LOGGED[branch.stress], branch.log.values
     sinkage = (values["sinkage"] - branch.zero) * 1e3
     stress = (values[name] - branch.air) / channel.scale
-    ax.plot(sinkage, stress, color=GRID, linewidth=0.8)
-    ax.plot(sinkage[branch.loading], stress[branch.loading], ".", color=POSTERIOR, markersize=2)
+    ax.plot(sinkage, stress, color=GRID, linewidth=0.8, rasterized=True)
+    at = branch.loading
+    ax.plot(sinkage[at], stress[at], ".", color=POSTERIOR, markersize=2, rasterized=True)
     ax.plot(branch.readings[:, 0] * 1e3, branch.readings[:, 1] / channel.scale, ".", color=DATA, markersize=3)
     ax.set(xlabel="sinkage from contact [mm]", ylabel=f"{branch.stress} [{channel.unit}]")
     figure_of(ax).suptitle(literal(f"{branch.test}, {branch.log.kind}"))

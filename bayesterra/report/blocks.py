@@ -87,22 +87,11 @@ Blocks: TypeAlias = tuple[Block, ...]
 
 
 def drawing(drawn: Drawn, alt: str) -> Picture:
-    """A figure of few marks, as SVG."""
+    """A figure as SVG; what is of many marks may be a picture within it."""
     from bayesterra.report.figures import css_width, svg
 
-    return Picture(_address("image/svg+xml", svg(drawn)), alt, css_width(drawn), drawn)
-
-
-def photograph(drawn: Drawn, alt: str, width: int | None = None) -> Picture:
-    """A figure of many marks, as PNG with two dots per CSS pixel; ``width`` in CSS pixels."""
-    from bayesterra.report.figures import css_width, png
-
-    width = width or css_width(drawn)
-    return Picture(_address("image/png", png(drawn, 2 * width)), alt, width, drawn)
-
-
-def _address(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{b64encode(content).decode('ascii')}"
+    content = b64encode(svg(drawn)).decode("ascii")
+    return Picture(f"data:image/svg+xml;base64,{content}", alt, css_width(drawn), drawn)
 
 
 Record: TypeAlias = dict[str, Any]

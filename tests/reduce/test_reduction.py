@@ -100,7 +100,7 @@ def test_what_is_written_is_read_as_measurements(
     page = (tmp_path / "m.html").read_text()
     assert "simulated data" in page
     assert "stand still" in page
-    assert "data:image/png" in page
+    assert "data:image/svg+xml" in page
     with pytest.raises(ResultError, match=r"m\.html' exists already and is not overwritten: give another name"):
         reduction.save(tmp_path / "m.csv")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["log.csv", "m.csv", "m.html"]
