@@ -415,7 +415,7 @@ def design(
 def holdout(
     what: Annotated[Path, argument("STUDY|DIR", "A study, or a result folder with its study.")],
     by: Annotated[str, option("WHAT", "What is left out at a time: slip, wheel or row.")] = "slip",
-    tolerance: Annotated[float, option("D", "Slips nearer than this are one level.")] = 0.03,
+    tolerance: Annotated[float, option("D", "Slips nearer than this are one level, to four times its width.")] = 0.03,
     out: Annotated[Path | None, option("DIR", "New folder; by default <study folder>-holdout.")] = None,
     seed: Seed = 1,
     workers: Workers = None,

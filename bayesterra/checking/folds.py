@@ -51,7 +51,7 @@ def clusters(values: FloatArray, tolerance: float) -> IntArray:
 
     >>> clusters(np.array([0.5, 0.02, 0.51, 0.0]), 0.03).tolist()
     [1, 0, 1, 0]
-    >>> clusters(np.array([0.0, 0.02, 0.04, 0.06, 0.08, 0.1]), 0.02).tolist()
+    >>> clusters(np.array([0.0, 0.01, 0.02, 0.03, 0.04, 0.05]), 0.011).tolist()
     [0, 0, 0, 1, 1, 1]
     """
     order = np.argsort(values, kind="stable")
@@ -75,7 +75,7 @@ def levels(study: Study, by: By = "slip", tolerance: float = TOLERANCE) -> tuple
     by : ``slip`` (slips nearer than ``tolerance``, each to the next, are one level), ``load`` (loads within
         a tenth), ``wheel`` or ``row``; or groups of row numbers, ``[[1, 2], [3]]``, of which only these are
         left out; or one label for every row of the study's table.
-    tolerance : for ``slip``.
+    tolerance : for ``slip``; a level is four times as wide at most.
 
     Raises
     ------

@@ -173,7 +173,7 @@ def leave_out(
     what : a study, or a result, of which only the study is used.
     by : ``slip`` (slips nearer than ``tolerance`` are one level), ``wheel`` or ``row``; or groups of row
         numbers, or one label for every row of the table.
-    tolerance : for ``slip``.
+    tolerance : for ``slip``; a level is four times as wide at most.
     seed : same seed, same scores, whatever the engine.
     engine : computes the refits: ``bt.local_pool()``, ``bt.dask_cluster("tcp://…")``; by default this
         process.
