@@ -39,9 +39,9 @@ def _outcomes(x, rows):  # type: ignore[no-untyped-def]
     m = rows.given.shape[1]
     out, status = np.empty((1, m, 3)), np.empty((1, m), np.int8)
     if rows.load:
-        drivers.response(theta, rows.rows, rows.given, (1, 0, False), out, status)
+        drivers.response(theta, rows.rows, rows.given, ((0,), 0, False), out, status)
     else:
-        drivers.forces(theta, rows.rows, rows.given, (1, 0, False), out, status)
+        drivers.forces(theta, rows.rows, rows.given, ((0,), 0, False), out, status)
     return theta, out, status
 
 
@@ -72,7 +72,7 @@ def gradient(x, rows):  # type: ignore[no-untyped-def]
     m = rows.given.shape[1]
     jacobian = np.empty((1, m, 3, 10))
     depth = out[:, :, 0].copy() if rows.load else rows.given
-    drivers.jacobian(theta, rows.rows, depth, (1, 0, True), jacobian, status)
+    drivers.jacobian(theta, rows.rows, depth, ((0,), 0, True), jacobian, status)
     for j in range(m):
         by = jacobian[0, j]
         for k in range(3):
