@@ -70,7 +70,7 @@ def corner(result: Result) -> Axes:
     scale = np.array([PARAMETERS[name].scale for name in names])
     posterior, prior = spread_draws(result, CORNER_DRAWS) / scale, result.values("prior") / scale
     panels = _Panels(size, _limits(result, posterior))
-    panels.name([figures.label(PARAMETERS[name]) for name in names])
+    panels.frame([figures.label(PARAMETERS[name]) for name in names])
     _outlines(panels, prior, [(along.low, along.high) for along in (axis(result, name) for name in names)], _PRIOR)
     _outlines(panels, posterior, panels.limits, _POSTERIOR)
     _marginals(panels, result, prior, posterior)
@@ -91,7 +91,7 @@ class _Panels:
         self.ax = figure.add_axes((0.08, 0.08, 0.91, 0.91), xlim=(0, whole), ylim=(0, whole))
         self.ax.set_axis_off()
 
-    def at(self, i: int, j: int, points: ArrayLike = (0.0, 0.0)) -> FloatArray:
+    def at(self, i: int, j: int, points: ArrayLike) -> FloatArray:
         """Points (2,) or (n, 2) of the panel in row i and column j, its lower left end (0, 0), on the axes."""
         return np.add(points, [(1 + GAP) * j, (1 + GAP) * (len(self.limits) - 1 - i)])
 
@@ -107,7 +107,7 @@ class _Panels:
             patch = self.ax.add_artist(PathPatch(whole, **look))
             patch.set_clip_box(TransformedBbox(Bbox(self.at(i, j, [[0, 0], [1, 1]])), self.ax.transData))
 
-    def name(self, labels: list[str]) -> None:
+    def frame(self, labels: list[str]) -> None:
         """Draw frames, ticks, and at the left and at the bottom numbers and labels."""
         last = len(labels) - 1
         ticks = [_ticks(*ends) for ends in self.limits]
@@ -134,6 +134,7 @@ class _Panels:
 
 
 def _ticks(low: float, high: float) -> FloatArray:
+    """Round numbers within a range, four or so, none close to its lower end."""
     values = np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], prune="lower").tick_values(low, high))
     return values[(values >= low + 0.06 * (high - low)) & (values <= high)]  # the neighbour has a number at the end
 

@@ -215,13 +215,7 @@ class ClippedModel:
     def _clipped(self, theta: FloatArray) -> Clip:
         return clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters)
 
-    def _by_group(
-        self,
-        theta: FloatArray,
-        rows: FloatArray,
-        run: Callable[[Forward, FloatArray], FloatArray],
-        shape: tuple[int, ...],
-    ) -> FloatArray:
+    def _by_group(self, theta: FloatArray, rows: FloatArray, run: _Run, shape: tuple[int, ...]) -> FloatArray:
         """Run the rows that share parameters together: those that are not clipped have ``theta``."""
         if np.all(rows == rows[0]):
             return run(self.forward, rows[:1])
