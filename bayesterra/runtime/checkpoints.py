@@ -344,11 +344,10 @@ def _unpacked(kind: Any, segment: Segment, name: str) -> Any:
         length = int(segment[f"{name}.length"])
         return tuple(_unpacked(item, segment, f"{name}.{i}") for i in range(length))
     if is_dataclass(kind):
-        hints = get_type_hints(kind)
-        prefix = f"{name}." if name else ""
-        names = {field.name: field.name for field in fields(kind)}
-        return kind(**{part: _unpacked(hints[part], segment, prefix + part) for part in names})  # type: ignore[operator]
-    return segment[name] if get_origin(kind) is np.ndarray else kind(segment[name])
+        hints, prefix = get_type_hints(kind), f"{name}." if name else ""
+        parts = {part.name: _unpacked(hints[part.name], segment, prefix + part.name) for part in fields(kind)}
+        return kind(**parts)  # type: ignore[operator]
+    return kind(segment[name]) if isinstance(kind, type) else segment[name]  # numbers, or arrays
 
 
 def read_tasks(path: str | Path) -> pd.DataFrame:

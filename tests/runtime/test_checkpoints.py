@@ -1,6 +1,7 @@
 """Segments on disk: read back exactly, recognised when damaged, refused when of another run."""
 
 import json
+from dataclasses import dataclass
 from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
@@ -8,9 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from typing_extensions import TypeAliasType
 
+from bayesterra.arrays import FloatArray
 from bayesterra.errors import ResultError
-from bayesterra.runtime.checkpoints import Checkpoints, difference
+from bayesterra.runtime.checkpoints import Checkpoints, difference, pack, unpack
 from bayesterra.runtime.ownership import BEGUN
 from bayesterra.runtime.reading import read_bytes
 from bayesterra.study.canonical import identity, source_digest, write_study
@@ -132,6 +136,32 @@ def test_nothing_that_is_read_can_run(tmp_path: Path) -> None:
     checksum = sha256(content).hexdigest().encode()
     (run.folder / "one.segment").write_bytes(checksum + b"\n" + content)
     assert run.load("one") is None
+
+
+Numbers = TypeAliasType("Numbers", NDArray[np.float64])  # what NumPy 2.5 calls arrays on Python 3.12 and above
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Something to save."""
+
+    draws: FloatArray
+    named: Numbers
+    count: int
+    seconds: float
+    widths: tuple[float, ...]
+    more: FloatArray | None = None
+
+
+@pytest.mark.parametrize("more", [None, np.eye(2)])
+def test_what_is_packed_is_unpacked(more: FloatArray | None) -> None:
+    """Arrays come back as arrays and numbers as numbers, whatever a version of NumPy calls its arrays."""
+    kept = Kept(np.linspace(0, 1, 5), np.arange(6.0).reshape(2, 3), 3, 0.25, (1.0, 2.5), more)
+    back = unpack(Kept, pack(kept))
+    for name in ("draws", "named", "more"):
+        np.testing.assert_array_equal(getattr(back, name), getattr(kept, name))
+    assert (back.count, back.seconds, back.widths) == (3, 0.25, (1.0, 2.5))
+    assert isinstance(back.count, int)
 
 
 @pytest.fixture
