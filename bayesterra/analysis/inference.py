@@ -44,7 +44,7 @@ from bayesterra.runtime.netcdf import labelled_tree
 from bayesterra.sampling import evidence as evidences
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import OF_SOIL_TESTS
-from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, Target, ThinnedDraws, sample, thin
+from bayesterra.sampling.sampler import PRIOR_DRAWS, Progress, Samples, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import Mode, densest, find_mode, summary_table
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
@@ -102,10 +102,8 @@ def run(
     mode = failures.attempt("mode", lambda: find_mode(target, spaced, guesses), lambda: densest(target, spaced))
     held = {name: fitted.values()[name] for fitted in fits.values() for name in fitted.held if name in target.names}
     conditional = failures.attempt("mode", lambda: find_mode(target, spaced, guesses, held) if held else None)
-    densities = Target(target, samples.coordinates).densities
-    integral = failures.attempt(
-        "evidence", lambda: evidences.ensembles_evidence(densities, samples.adaptations, default_rng(weighing))
-    )
+    moved, own = samples.target.densities, samples.adaptations
+    integral = failures.attempt("evidence", lambda: evidences.ensembles_evidence(moved, own, default_rng(weighing)))
     analysis = Analysis(study, target, prior, samples, kept, mode, conditional, integral, fits, refused, failures)
     report(Progress("checking", 1.0))
     result = analysis.result(seed, default_rng(predicting), (validating, *later), started)

@@ -106,18 +106,29 @@ class Likelihood:
     def squares(self, readings: FloatArray) -> tuple[Squares, ...] | None:
         """Squared residuals of every channel of readings (m, channels) whose rows are told by nodes; else None.
 
-        None also where noise is not Gaussian, hangs on what is modelled, or is estimated for some rows only.
+        None also where there are no :attr:`stated_scales`.
         """
-        nodes, sums = self.forward.nodes, []
-        if nodes is None or self.intervals is not None or self.together:
+        nodes, scales = self.forward.nodes, self.stated_scales
+        if nodes is None or scales is None:
             return None
-        for noise, column in zip(self.noise, readings.T, strict=True):
+        return tuple(Squares.of(*columns, nodes.spread) for columns in zip(readings.T, scales.T, strict=True))
+
+    @cached_property
+    def stated_scales(self) -> FloatArray | None:
+        """Standard deviations (m, channels) of readings in units of what is estimated of them; else None.
+
+        None where noise is not Gaussian, hangs on what is modelled, or is estimated for some rows only.
+        """
+        if self.intervals is not None or self.together:
+            return None
+        scales = np.ones(self.measured.shape)
+        for i, noise in enumerate(self.noise):
             own = self._given_sd[noise.channel]
             if noise.tails != GAUSSIAN or noise.fraction is not None or (noise.parameter and not np.isnan(own).all()):
                 return None
-            scale = np.ones(len(own)) if noise.parameter else noise.scale(column[None], None, own)[0]
-            sums.append(Squares.of(column, scale, nodes.spread))
-        return tuple(sums)
+            if not noise.parameter:
+                scales[:, i] = noise.scale(self.measured[None, :, i], None, own)[0]
+        return scales
 
     def log_told(self, sums: Sequence[Squares], outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n,) of readings of which these are the squares, by ``outcomes`` of the nodes."""

@@ -204,11 +204,11 @@ def degrees_of(
     names = list(joint.groups)
     of_joint = weigh_joint(samples, rng)
     proposals = [adaptation.proposal for adaptation in complete.adaptations]
-    of_all = weigh_plain(joint, names, complete.coordinates, proposals, rng)
+    of_all = weigh_plain(joint, names, complete.target.coordinates, proposals, rng)
     alone = []
     for name, lone in samples.lone.items():
         proposals = [adaptation.proposal for adaptation in lone.adaptations]
-        weighed = weigh_plain(joint, [name], lone.coordinates, proposals, rng)
+        weighed = weigh_plain(joint, [name], lone.target.coordinates, proposals, rng)
         alone.append((weighed, _own(weighed, lone), plain_shares(joint, [name], rng)))
     every = all(lone.diagnosis.converged for lone in samples.lone.values())
     common = (of_all, _own(of_all, complete), plain_shares(joint, names, rng))

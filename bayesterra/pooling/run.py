@@ -41,7 +41,7 @@ from bayesterra.runtime.tables import Number
 from bayesterra.sampling import sampler
 from bayesterra.sampling.evidence import Weighted, against_nested, check_installed
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
-from bayesterra.sampling.sampler import Progress, Samples, ThinnedDraws, sample, thin
+from bayesterra.sampling.sampler import Progress, Samples, Target, ThinnedDraws, sample, thin
 from bayesterra.sampling.summary import array_diagnosis, parameter_rows, summary_row
 from bayesterra.stats.diagnostics import hdi
 from bayesterra.study import result
@@ -222,7 +222,7 @@ def run_pooled(
     failures = Failures(lambda title: report(Progress("checking", 1.0, step=title)))
     lone = (plan or PoolingOptions()).lone
     complete = failures.attempt(
-        "complete", lambda: sample(posterior(study), asked, whole, report, lone, checkpoint_store)
+        "complete", lambda: sample(Target.of(posterior(study)), asked, whole, report, lone, checkpoint_store)
     )
     report(Progress("comparing", 1.0))
     degrees: tuple[Degree, ...] = ()

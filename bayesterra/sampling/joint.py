@@ -23,7 +23,7 @@ from bayesterra.runtime.checkpoints import CheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
 from bayesterra.sampling.moves import Counts, Family, Laws, PooledEnsemble, Walkers, begun_or_saved, load_or_run_segment
-from bayesterra.sampling.sampler import Progress, Samples, Steps, is_diagnosed, sample
+from bayesterra.sampling.sampler import Progress, Samples, Steps, Target, is_diagnosed, sample
 from bayesterra.stats.diagnostics import Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.study.schema import SamplingOptions
@@ -94,7 +94,7 @@ def sample_groups(
         zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
     ):
         own = _Named(checkpoint_store or CheckpointStore(), f"group-{number + 1}")
-        samples[group] = sample(posterior, asked, stream, report, adaptation, own)
+        samples[group] = sample(Target.of(posterior), asked, stream, report, adaptation, own)
         report(Progress(f"group {group} alone", (number + 1) / len(joint.groups)))
     return samples
 

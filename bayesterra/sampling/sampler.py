@@ -20,6 +20,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
+from bayesterra.likelihood.integrated import completed, integrated
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
 from bayesterra.models.kernels.cache import told_of_compiling
 from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
@@ -73,17 +74,38 @@ class Samples:
     acceptance: FloatArray  # share of accepted steps (ensembles, walkers)
     diagnosis: Diagnosis  # the verdict
     adaptations: tuple[Adaptation, ...]  # what each ensemble adapted to before its draws were kept
-    coordinates: Coordinates  # the map that the walkers moved in
+    target: Target  # what the walkers moved in
     seconds: dict[str, float] = field(default_factory=dict)  # wall time by stage, that of earlier processes included
     earlier: float = 0.0  # wall time spent by earlier processes, s
 
 
 @dataclass(frozen=True)
 class Target:
-    """A posterior in sampling coordinates."""
+    """A posterior in sampling coordinates.
+
+    ``whole`` is that of which estimated noise was integrated out; None where nothing was.
+    """
 
     posterior: Density
     coordinates: Coordinates
+    whole: Posterior | None = None
+
+    @classmethod
+    def of(cls, posterior: Posterior, whole: Posterior | None = None) -> Target:
+        """In the coordinates of its own."""
+        return cls(posterior, coordinates(posterior), whole)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Free parameters, what is integrated out among them."""
+        return (self.whole or self.posterior).names
+
+    def completed(self, chains: FloatArray, seed: SeedSequence) -> FloatArray:
+        """Chains (..., k) with what was integrated out, (..., d): drawn given the rest."""
+        if self.whole is None:
+            return chains
+        x = completed(self.whole, self.posterior, chains.reshape(-1, chains.shape[-1]), default_rng(seed))
+        return x.reshape(*chains.shape[:-1], -1)
 
     def densities(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log prior (with Jacobian) and log likelihood, (n,) each, −inf outside the support."""
@@ -172,11 +194,12 @@ def sample(
     """Sample a posterior with independent ensembles.
 
     Every ensemble starts from its own draws of the cut prior, adapts alone and then samples with frozen
-    proposals. Rounds have a fixed length and threads share nothing, so draws depend on the seed only.
+    proposals. Rounds have a fixed length and threads share nothing, so draws depend on the seed only. Estimated
+    noise that can be integrated out is, and drawn at the end.
 
     Parameters
     ----------
-    posterior : what to sample; a target brings coordinates of its own.
+    posterior : what to sample; a target brings coordinates of its own, and nothing of it is integrated out.
     options : effective draws asked for, number of ensembles and walkers, most steps.
     seed : root of all random streams of this call.
     report : called with a :class:`Progress` after each stage and round.
@@ -189,12 +212,12 @@ def sample(
     StudyError : every parameter is fixed.
     ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
-    target = posterior if isinstance(posterior, Target) else Target(posterior, coordinates(posterior))
+    target = posterior if isinstance(posterior, Target) else Target.of(integrated(posterior), posterior)
     if not target.posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
     plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
-    task = _Task(target, options, plan, store, clock, Steps(report))
-    streams = seed.spawn(options.ensembles)
+    *streams, last = seed.spawn(options.ensembles + 1)
+    task = _Task(target, options, plan, store, clock, Steps(report), last)
     workers = min(options.ensembles, os.cpu_count() or 1)
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
         report(Progress("adapting", 0.0))
@@ -204,8 +227,8 @@ def sample(
         chains, diagnosis = task.produce(walks, adapting, pool, report)
     acceptance = np.array([walk.ensemble.acceptance for walk in walks])
     seconds = {"adaptation": adapting, "production": clock.elapsed() - adapting}
-    made = (tuple(walk.adaptation for walk in walks), target.coordinates, seconds, clock.earlier)
-    return Samples(target.posterior.names, chains, acceptance, diagnosis, *made)
+    made = (tuple(walk.adaptation for walk in walks), target, seconds, clock.earlier)
+    return Samples(target.names, chains, acceptance, diagnosis, *made)
 
 
 class Steps:
@@ -236,6 +259,7 @@ class _Task:
     checkpoint_store: CheckpointStore
     clock: Clock
     watch: Steps
+    last: SeedSequence  # of what is drawn given the rest
 
     def begun(self, number: int, stream: SeedSequence) -> InitialisedEnsemble:
         """An adapted ensemble, from the checkpoint store where it is there."""
@@ -267,8 +291,8 @@ class _Task:
         self, walks: list[RunningEnsemble], since: float, pool: Executor, report: Callable[[Progress], None]
     ) -> tuple[FloatArray, Diagnosis]:
         """Advance all ensembles round by round until the diagnosis passes or the steps run out."""
-        steps = number = 0
-        names, most, target_ess = self.target.posterior.names, self.options.max_steps, self.options.target_ess
+        steps, number, drawn = 0, 0, list[FloatArray]()
+        names, most, target_ess = self.target.names, self.options.max_steps, self.options.target_ess
         while True:
             length, number = min(ROUND_STEPS, most - steps), number + 1
             self._round(number, length, walks, pool)
@@ -278,6 +302,10 @@ class _Task:
             if steps < most and not is_diagnosed(number):
                 continue
             chains = np.array([walk.chain for walk in walks])
+            for begun in range(ROUND_STEPS * len(drawn), steps, ROUND_STEPS):
+                fresh = chains[:, begun : begun + ROUND_STEPS]
+                drawn.append(self.target.completed(fresh, *self.last.spawn(1)))
+            chains = np.concatenate(drawn, axis=1)
             acceptance = np.array([walk.ensemble.acceptance for walk in walks])
             diagnosis = diagnose(names, chains, acceptance, target_ess, going_on=steps < most)
             done = min(1.0, diagnosis.ess / target_ess)

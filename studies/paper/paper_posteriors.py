@@ -18,7 +18,7 @@ from bayesterra.least_squares.results import locate
 from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.evidence import Evidence, evidence
-from bayesterra.sampling.sampler import Target, sample, thin
+from bayesterra.sampling.sampler import sample, thin
 from bayesterra.sampling.summary import find_mode
 from bayesterra.study.schema import SamplingOptions
 
@@ -100,7 +100,7 @@ def infer(study: bt.Study, seed: int = 1, *, loo: bool = True) -> Found:
         kept.flat,
         density.log_density(kept.flat),
         find_mode(density, kept.spaced(4000)).x,
-        evidence(Target(density, samples.coordinates).densities, laws, default_rng(weighing)),
+        evidence(samples.target.densities, laws, default_rng(weighing)),
         cross_validate(density, kept.flat, leaving, {})[0] if loo else None,
         samples.diagnosis.converged,
     )

@@ -30,7 +30,7 @@ from bayesterra.parameters import CHANNELS, PARAMETERS
 from bayesterra.report.figures import new_figure, styled, white_png
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.evidence import evidence
-from bayesterra.sampling.sampler import Samples, Target, sample, thin
+from bayesterra.sampling.sampler import Samples, sample, thin
 from bayesterra.stats.mixture import weighted_quantiles
 from bayesterra.study.observations import Observations
 
@@ -137,7 +137,7 @@ def batch(study: bt.Study) -> tuple[Samples, FloatArray, float, float]:
     sampling, weighing = SeedSequence(1).spawn(2)
     samples = sample(density, study.sampling, sampling, adaptation=PLAN)
     proposals = [one.proposal for one in samples.adaptations]
-    found = evidence(Target(density, samples.coordinates).densities, proposals, default_rng(weighing))
+    found = evidence(samples.target.densities, proposals, default_rng(weighing))
     return samples, thin(samples.chains).flat, found.log_z, found.error
 
 

@@ -12,7 +12,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import PriorDraws, draw_cut_prior, posterior
 from bayesterra.sampling.adaptation import AdaptationOptions, Densities, adapt
 from bayesterra.sampling.evidence import Evidence, PosteriorProposal, evidence, of_evidence, redrawn
-from bayesterra.sampling.sampler import Target, sample
+from bayesterra.sampling.sampler import sample
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture
 from bayesterra.study.schema import SamplingOptions
@@ -168,7 +168,7 @@ def test_evidence_of_small_studies_is_that_of_the_prior(
     study = make_study(free=free, drive=drive, noise=LOOSE)
     plan = AdaptationOptions(particles=512, components=8)
     samples = sample(posterior(study), SamplingOptions(walkers=32, target_ess=200), SeedSequence(3), adaptation=plan)
-    target = Target(posterior(study), samples.coordinates)
+    target = samples.target
     found = evidence(target.densities, [one.proposal for one in samples.adaptations], default_rng(5))
     expected, error = from_the_prior(study, 50_000)
     assert isinstance(found, Evidence)
@@ -185,7 +185,7 @@ def test_evidence_of_a_law_with_poles_is_that_of_quadrature(shape: float, make_s
     plan = AdaptationOptions(particles=256, components=4, shores=0)
     options = SamplingOptions(walkers=32, target_ess=200)
     samples = sample(density, options, SeedSequence(3), adaptation=plan)
-    target = Target(density, samples.coordinates)
+    target = samples.target
     found = evidence(target.densities, [one.proposal for one in samples.adaptations], default_rng(5))
     shares = (np.arange(20_000) + 0.5) / 20_000  # the mean over the quantiles of the law is its integral
     x = 500.0 * beta.ppf(shares, shape, shape)

@@ -8,7 +8,7 @@ import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.sampling.evidence import ensembles_evidence
-from bayesterra.sampling.sampler import Target, sample
+from bayesterra.sampling.sampler import sample
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 from tests.support.adaptation import LITTLE
@@ -31,7 +31,7 @@ def sampled(study: Study) -> tuple[Posterior, FloatArray, float, float]:
     """Posterior, draws (n, d), and log evidence with its error."""
     whole = posterior(study)
     samples = sample(whole, ENOUGH, SeedSequence(3), adaptation=LITTLE)
-    densities = Target(whole, samples.coordinates).densities
+    densities = samples.target.densities
     found = ensembles_evidence(densities, samples.adaptations, default_rng(4))
     return whole, samples.chains.reshape(-1, samples.chains.shape[-1]), found.log_z, found.error
 

@@ -23,7 +23,7 @@ from bayesterra.likelihood.posterior import INSIDE
 from bayesterra.parameters import PARAMETERS
 from bayesterra.sampling.adaptation import OF_SOIL_TESTS
 from bayesterra.sampling.evidence import ensembles_evidence
-from bayesterra.sampling.sampler import Target, sample, thin
+from bayesterra.sampling.sampler import sample, thin
 from bayesterra.stats.diagnostics import hdi
 
 HERE = Path(__file__).parent
@@ -84,7 +84,7 @@ def sampled(case: str) -> tuple[pd.DataFrame, pd.DataFrame]:
     started, target = time.perf_counter(), bt.posterior(CASES[case]())
     size = None if target.driven else OF_SOIL_TESTS
     samples = sample(target, bt.load_study(FILES["cmu-grouser"]).sampling, SeedSequence(1), adaptation=size)
-    densities = Target(target, samples.coordinates).densities
+    densities = samples.target.densities
     found = ensembles_evidence(densities, samples.adaptations, default_rng(2))
     rows = []
     for name, x in zip(target.names, thin(samples.chains).flat.T, strict=True):
