@@ -6,8 +6,6 @@
 0.1462
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 
 with open(f"{__file__}i", encoding="utf-8") as _stub:

@@ -1,7 +1,5 @@
 """Array types shared by all layers, and read-only copies at the border."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

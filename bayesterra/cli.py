@@ -59,17 +59,13 @@ def hushed(context: typer.Context, quiet: bool) -> bool:
 
 
 StudyPath = Annotated[Path, argument("STUDY", "A study file, or a folder that holds study.toml.")]
-Workers = Annotated[
-    int | None, typer.Option(min=1, metavar="K", help="Worker processes; by default one per processor.")
-]
+Workers = Annotated[int | None, typer.Option(min=1, metavar="K", help="Worker processes; else one per processor.")]
 Scheduler = Annotated[str | None, option("ADDRESS", "Dask scheduler, e.g. tcp://10.0.0.5:8786: its workers compute.")]
 Seed = Annotated[int, typer.Option(min=0, metavar="N", help="Seed of the random numbers.")]
 
 Texts = list[str] | None
 Wheels = Annotated[Texts, option("NAME|FILE", "A wheel of the study, or a file of one; may be repeated.", "--wheel")]
-Group = Annotated[
-    str | None, option("NAME", "Group of a joint posterior; by default the wheel's, else one not tested.")
-]
+Group = Annotated[str | None, option("NAME", "Group of a joint posterior; else the wheel's, or one not tested.")]
 Resume = Annotated[bool, flag("--resume", "Go on with what was interrupted or killed.")]
 Overwrite = Annotated[bool, flag("--overwrite", "Replace an older folder of that name, once all is done.")]
 Quiet = Annotated[bool, quieting("No progress, only the result.")]
@@ -123,9 +119,7 @@ def run(
     resume: Resume = False,
     overwrite: Overwrite = False,
     prior_only: Annotated[bool, flag("--prior-only", "Report on the prior; needs no readings.")] = False,
-    crosscheck: Annotated[
-        bool, flag("--crosscheck", "Repeat it by nested sampling at two settings (needs dynesty).")
-    ] = False,
+    crosscheck: Annotated[bool, flag("--crosscheck", "Repeat it by nested sampling twice (needs dynesty).")] = False,
     strict: Annotated[bool, flag("--strict", "Exit 4 where a verdict is bad: fit, prediction.")] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -379,9 +373,7 @@ def design(
     study_or_result: Annotated[Path, argument("STUDY|DIR", "A result, whose posterior is built on, or a study.")],
     about: Annotated[Texts, option("P,P", "Parameters of interest, e.g. c,phi; by default all free.")] = None,
     slip: Annotated[Texts, option("S,S", "Candidate slips; by default the driven range and beyond.")] = None,
-    load: Annotated[
-        Texts, option("W", 'Candidate load, e.g. "80 N"; may be repeated. By default the study\'s.')
-    ] = None,
+    load: Annotated[Texts, option("W", 'Candidate load, e.g. "80 N"; may be repeated; else the study\'s.')] = None,
     wheel: Wheels = None,
     channel: Annotated[Texts, option("NAME=SD", 'A sensor to add: "resistance_moment=0.15 N m".')] = None,
     number: Annotated[int, option("N", "Rows to choose together.", "-n", "--number")] = 1,
@@ -458,9 +450,7 @@ def reduce(
     out: Annotated[Path, option("FILE", "New table; its page stands beside it.")] = Path("measurements.csv"),
     zero: Annotated[Path | None, option("LOG", "Record of the unloaded sensors: its means are subtracted.")] = None,
     radius: Annotated[str | None, option("R", 'Radius behind the rim\'s speed, e.g. "58 mm".')] = None,
-    lugs: Annotated[
-        int, typer.Option(min=0, metavar="N", help="Lugs of the wheel: they give the ripple's period.")
-    ] = 0,
+    lugs: Annotated[int, typer.Option(min=0, metavar="N", help="Lugs of the wheel, for the ripple's period.")] = 0,
     plate: Annotated[str | None, option("D", 'Diameter of a plate, e.g. "100 mm": logs are plate tests.')] = None,
     steady: Annotated[float, option("SHARE", "Drift within a window that is taken for steady.")] = 0.02,
     kind: Annotated[str, option("WORD", "measured, digitised or simulated.")] = "measured",
@@ -496,9 +486,7 @@ def follow(
     slip_reference: Annotated[
         str | None, option("RADIUS", "Radius behind the slips: rim, tip or shearing; else the study's.")
     ] = None,
-    sinkage_reference: Annotated[
-        str | None, option("PART", "Zero of the sinkages: rim or tip; else the study's.")
-    ] = None,
+    sinkage_reference: Annotated[str | None, option("PART", "Zero of sinkages: rim, tip; else the study's.")] = None,
     overwrite: Overwrite = False,
     quiet: Annotated[bool, quieting("No line per row, only alarms and the end.")] = False,
 ) -> None:

@@ -3,8 +3,6 @@
 A message says where the mistake is, what was found, and what to do.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable, Iterator, Sequence

@@ -4,8 +4,6 @@ Inside the package every value is SI and radians; ``scale`` is the SI value of o
 which reports, tables and plots speak.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Closing sections: least squares beside the posterior, what readings add, how to repeat."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Comparison of results side by side: two models, two priors, two tables."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Comparison as a page, a notebook table and a terminal table."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Hashable, Iterator, Mapping
 from typing import Any
 

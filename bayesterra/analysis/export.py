@@ -1,7 +1,5 @@
 """Export of a result: figures and tables of its page as files, a text on methods, references, draws."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

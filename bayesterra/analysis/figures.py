@@ -1,7 +1,5 @@
 """Figures of a result: corner plot, correlations, traces and ranks."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Findings of a result: the parameter strip, and sentences generated from the figures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Fit and prediction of a joint posterior of several groups, for the first screen of its report."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The main job: a study in, a result out; or its prior alone, before any reading exists."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace

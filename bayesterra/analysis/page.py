@@ -1,7 +1,5 @@
 """Page of a result: first screen with its verdicts, data and model, and all sections in order."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -45,7 +43,7 @@ class Page(VerdictPage):
 
     strip: tuple[StripRow, ...]
     legend: tuple[tuple[Markup, str], ...]
-    driving: Driving | None
+    driving: "Driving | None"
     findings: tuple[Finding, ...]
 
 
@@ -311,7 +309,7 @@ class Driving:
     remark: Markup
 
     @classmethod
-    def unknown(cls) -> Driving:
+    def unknown(cls) -> "Driving":
         """The table where it cannot be made; the head of the page says why."""
         return cls("", (), (), (), Markup("Not known."))
 

@@ -1,7 +1,5 @@
 """Report of a prior before any reading exists, with its figures."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from typing import Any
 

@@ -1,8 +1,6 @@
 """Results of a run on one soil and of a prior: labelled draws, record, folder read back, page."""
 # ruff: noqa: UP013 (a line for each kind of entry reads better than a class)
 
-from __future__ import annotations
-
 import tomllib
 from collections import ChainMap
 from collections.abc import Collection, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The job ``run``: a study in, a result folder with its report out; and what a path holds, opened."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Data made by the model itself: the same wheels, slips and loads as a study, outcomes with its noise."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

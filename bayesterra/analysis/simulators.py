@@ -5,8 +5,6 @@ Janosi and Hanamoto. Its exponent knows no slip, so that of a wheel is taken at 
 the integral model whose stress is greatest at the bottom and nothing behind: θm = θ2 = 0, without lugs.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 

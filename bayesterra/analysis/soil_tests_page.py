@@ -1,7 +1,5 @@
 """Soil tests in the page of a result: readings with bands, predictions of new tests, and least squares."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

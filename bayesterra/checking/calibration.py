@@ -5,8 +5,6 @@ table is sampled, and the true values are ranked among its draws (Talts et al. 2
 and parameters are ranked too, as parameters alone miss whole classes of error (Modrák et al. 2023).
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
@@ -101,7 +99,7 @@ class Outcome:
     ranks: Mapping[str, float] = field(default_factory=dict)  # normalised, of every test quantity; NaN where constant
 
     @classmethod
-    def from_record(cls, content: Mapping[str, Any]) -> Outcome:
+    def from_record(cls, content: Mapping[str, Any]) -> "Outcome":
         """Read back what ``dataclasses.asdict`` wrote; TypeError or ValueError where it is no outcome."""
         outcome = cls(**content)
         ranks = {str(name): float(rank) for name, rank in outcome.ranks.items()}
@@ -227,7 +225,7 @@ def check(study: Study, n: int) -> None:
 
 
 def _calibrated(
-    job: CalibrationRequest, finished: Iterable[Outcome], report: Callable[[Sequence[Outcome], Progress], None]
+    job: "CalibrationRequest", finished: Iterable[Outcome], report: Callable[[Sequence[Outcome], Progress], None]
 ) -> Calibration:
     """Do what is left beside ``finished``; ``report`` is told of new outcomes, at the start of none."""
     study, n = job.study, job.n

@@ -1,7 +1,5 @@
 """Folds of a leave-out check: which rows are left out together, and the task that predicts them."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -258,7 +256,7 @@ class Scorer:
                 bands += self._bands(group, predict_curves(study, alone, x, rng), mine)
         return rows, bands
 
-    def _rows(self, laws: Predictives, mine: BoolArray) -> list[dict[str, Any]]:
+    def _rows(self, laws: "Predictives", mine: BoolArray) -> list[dict[str, Any]]:
         name, rows = self.study.model.name, []
         for row, place in enumerate(np.flatnonzero(self.fold.left & mine)):
             unanswered = 1 - float(laws.answered(row).mean())

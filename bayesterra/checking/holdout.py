@@ -8,8 +8,6 @@ A draw for which the model has no answer (no sinkage carries the load, say) stat
 As it was made, such draws are set aside and the others predict; their share is in the table.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Leave-out check as a page, figures and a terminal table."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from typing import Any
 

@@ -12,8 +12,6 @@ Each is fitted to one channel. It knows slip, load (with the drive ``both`` the 
 ``sinkage`` the sinkage) and the wheel of every row, and has to find the noise in the training rows itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -216,7 +214,7 @@ class TrainingRows:
     level: IntArray  # (n,) number of the level of every row
     slip_level: IntArray  # (n,) number of the cluster of its slip
 
-    def take(self, keep: BoolArray) -> TrainingRows:
+    def take(self, keep: BoolArray) -> "TrainingRows":
         """Some of the rows."""
         return TrainingRows(self.conditions[keep], self.readings[keep], self.level[keep], self.slip_level[keep])
 

@@ -8,8 +8,6 @@ Readings of one level miss together, so that a level counts once: with the share
 their 90 % intervals. The least probable count decides, times the number of counts (Bonferroni).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ support of the prior. Importance weights from the full posterior do where their 
 elsewhere, and always with few rows, the posterior without the rows is sampled afresh.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -93,7 +91,7 @@ class CrossValidation:
         return float(np.sum(self.full) - self.elpd)
 
     @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> CrossValidation:
+    def from_record(cls, record: Mapping[str, Any]) -> "CrossValidation":
         """Read back what ``dataclasses.asdict`` wrote into a record."""
         rows = tuple(LeftOut(**{**row, "k": _number(row["k"])}) for row in record["rows"])
         pit = {name: tuple(map(_number, values)) for name, values in record["pit"].items()}
@@ -193,7 +191,7 @@ class _Weighted:
     log_row: FloatArray
 
     @classmethod
-    def of(cls, x: FloatArray, log_weights: FloatArray, log_row: FloatArray) -> _Weighted:
+    def of(cls, x: FloatArray, log_weights: FloatArray, log_row: FloatArray) -> "_Weighted":
         finite = np.isfinite(log_weights)
         if not finite.all():
             x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]

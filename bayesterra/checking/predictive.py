@@ -5,8 +5,6 @@ The pool is modelled once; a replicate costs arithmetic only. With a latent load
 are taken as linear in the load around the value that explains the row as measured.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -192,7 +190,7 @@ class Modelled:
     limits: Intervals | None = None
 
     @classmethod
-    def of(cls, posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> Modelled:
+    def of(cls, posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> "Modelled":
         """Readings behind ``outcomes`` of parameter sets (n, d)."""
         likelihood = posterior.likelihood
         mean = likelihood.predicted(outcomes)
@@ -205,7 +203,7 @@ class Modelled:
         limits = likelihood.intervals if joint is None and bare is None else None
         return cls(mean, scale, slope, joint, bare, limits)
 
-    def take(self, chosen: IntArray) -> Modelled:
+    def take(self, chosen: IntArray) -> "Modelled":
         """Those of the sets, also repeatedly."""
         slope = None if self.slope is None else self.slope[chosen]
         joint = None if self.joint is None else self.joint.take(chosen)
@@ -244,7 +242,7 @@ class Modelled:
         curvature, pull = told_loads(numbers - self.mean, slope, self.scale)
         return np.maximum(curvature, LEAST_TOLD), pull
 
-    def explaining(self, likelihood: Likelihood, readings: FloatArray, rng: Generator) -> Modelled:
+    def explaining(self, likelihood: Likelihood, readings: FloatArray, rng: Generator) -> "Modelled":
         """The same with every latent quantity drawn as these readings (m, channels) tell it."""
         if self.joint is not None:
             told = likelihood.reading(self.joint, readings).draw(readings, rng)
@@ -302,7 +300,7 @@ class _Pool:
     outcomes: Outcomes
 
     @classmethod
-    def of(cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator) -> _Pool:
+    def of(cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator) -> "_Pool":
         posterior, likelihood = near.posterior, near.posterior.likelihood
         if (nodes := likelihood.forward.nodes) is not None and likelihood.squares(likelihood.measured) is not None:
             sets = near.propose(mixture, n, rng)

@@ -12,8 +12,6 @@ channels together by the most extreme of them, so that its rate of false alarms 
 of twenty.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -4,8 +4,6 @@ Ranks are normalised to (rank + u) / (draws + 1) with u uniform on (0, 1), which
 and draws come from one law. The test is the one behind simultaneous ECDF bands (Säilynoja et al. 2022).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any

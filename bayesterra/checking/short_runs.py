@@ -1,7 +1,5 @@
 """Short runs: samplings of a posterior that are repeated many times, for calibrations and refits."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, TypeAlias

@@ -7,8 +7,6 @@ the means of its further and its nearer half), each one number per test, and wha
 bands hold.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any

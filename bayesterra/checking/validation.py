@@ -1,7 +1,5 @@
 """Validation of a fit: how well the model explains its readings, and the posterior of what it misses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
@@ -152,7 +150,7 @@ class Validation:
         return record if self.levels is None else {**record, "levels": list(self.levels)}
 
     @classmethod
-    def from_record(cls, record: Mapping[str, Any]) -> Validation:
+    def from_record(cls, record: Mapping[str, Any]) -> "Validation":
         """Read back from the content of a ``run.json``."""
         checks, prior, loo = (record.get(name) for name in ("predictive_checks", "prior_checks", "loo"))
         if checks:

@@ -1,7 +1,5 @@
 """Validation as blocks and figures of a report: predictive checks, cross-validation, model discrepancy."""
 
-from __future__ import annotations
-
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes

@@ -1,7 +1,5 @@
 """Candidate drives of a design, and what each would read for every draw."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType

@@ -1,7 +1,5 @@
 """Choice of drives: candidates judged as tasks, in order, and several together."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -51,7 +49,7 @@ class Grid:
         """Without what can be computed again."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
-    def __call__(self, question: Question) -> Estimate:
+    def __call__(self, question: "Question") -> Estimate:
         """Judge a candidate beside the rows that stand already."""
         readings, beside = self.pairs(question.candidate, question.place), self._together(question.picks)
         return METHODS[question.method](readings if beside is None else beside + readings, self.interest)
@@ -127,7 +125,7 @@ class Judge:
             self.report(new, Progress(place + 1, len(judgements), n, first + len(judgements), left))
         return tuple(judgements[i] for i in range(n))
 
-    def rank(self, picks: Sequence[int | None], place: int) -> Ranking:
+    def rank(self, picks: Sequence[int | None], place: int) -> "Ranking":
         """Every candidate in one place, beside the rows in the others."""
         judgements = self.estimates("mixture", picks, place)
         effective = [judgement.effective for judgement in judgements if np.isfinite(judgement.values[0])]
@@ -137,7 +135,7 @@ class Judge:
             return self._ranking(judgements, "mixture")
         return self._ranking(self.estimates("regression", picks, place), "regression")
 
-    def _ranking(self, judgements: tuple[Estimate, ...], method: str) -> Ranking:
+    def _ranking(self, judgements: tuple[Estimate, ...], method: str) -> "Ranking":
         before = self.grid.interest.values.std(axis=0, ddof=1)
         scores = [score(judgement, self.by, before) for judgement in judgements]
         return Ranking(judgements, method, np.array(scores))

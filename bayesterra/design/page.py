@@ -1,7 +1,5 @@
 """Design as a page, a figure and a terminal table."""
 
-from __future__ import annotations
-
 from collections import Counter
 from importlib.metadata import version
 from typing import Any

@@ -1,7 +1,5 @@
 """The job ``design``: which drive to command next, as a resumable folder."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from hashlib import sha256

@@ -23,8 +23,6 @@ Memory is bounded: at most ``MOST`` candidates are kept, those with the greatest
 To leave one out can only lower R.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 
@@ -62,7 +60,7 @@ class Candidates:
     covariances: FloatArray  # likewise, (h, d, d)
 
     @classmethod
-    def none(cls, d: int) -> Candidates:
+    def none(cls, d: int) -> "Candidates":
         """No candidate yet."""
         return cls(np.empty(0, dtype=np.int64), np.empty(0), np.empty(0), np.empty((0, d)), np.empty((0, d, d)))
 
@@ -84,17 +82,17 @@ class Candidates:
         """Share (h,) of every candidate in R(t)."""
         return np.asarray(np.exp(self.log_counted - self.log_statistic))
 
-    def take(self, chosen: IntArray | BoolArray) -> Candidates:
+    def take(self, chosen: IntArray | BoolArray) -> "Candidates":
         """Some of the candidates."""
         return Candidates(*(getattr(self, column.name)[chosen] for column in fields(self)))
 
-    def joined(self, row: int, mean: FloatArray, covariance: FloatArray) -> Candidates:
+    def joined(self, row: int, mean: FloatArray, covariance: FloatArray) -> "Candidates":
         """One candidate more, with B = 1."""
         factors, sober = (np.append(of, 0.0) for of in (self.log_factors, self.log_sober))
         means, covariances = np.vstack([self.means, mean]), np.concatenate([self.covariances, covariance[None]])
         return Candidates(np.append(self.since, row), factors, sober, means, covariances)
 
-    def pruned(self) -> Candidates:
+    def pruned(self) -> "Candidates":
         """At most ``MOST`` of them; those without any hope are left out too."""
         ranks = np.where(np.arange(len(self)) >= len(self) - YOUNG, np.inf, self.log_counted)
         ranks[np.isneginf(self.log_counted)] = -np.inf
@@ -122,7 +120,7 @@ class Basis:
         covariance = (offsets * weights[:, None]).T @ offsets + np.diag(np.where(fixed, 0.0, CHANGE**2))
         return candidates.joined(row, mean, covariance)
 
-    def rebased(self, candidates: Candidates, other: Basis) -> Candidates:
+    def rebased(self, candidates: Candidates, other: "Basis") -> Candidates:
         """The same candidates in the coordinates of another basis."""
         if not len(candidates):
             return candidates

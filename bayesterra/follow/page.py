@@ -1,7 +1,5 @@
 """A followed stream as a figure and as lines on a terminal."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Rows as they come in: read and checked, kept in arrays that grow geometrically; forecast and effect of each."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
@@ -106,7 +104,7 @@ class Rows:
         self._wheel = np.empty(FIRST_CAPACITY, dtype=np.int64)
 
     @classmethod
-    def of(cls, study: Study) -> Rows:
+    def of(cls, study: Study) -> "Rows":
         """An empty store for the rows of a study."""
         by = study.pooling.by if study.pooling else ""
         channels = (*(("sinkage",) if study.drive.by_sinkage else ()), *study.noise)

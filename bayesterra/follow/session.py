@@ -1,7 +1,5 @@
 """The job ``follow``: rows from a file or standard input, one by one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field

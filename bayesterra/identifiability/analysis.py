@@ -1,7 +1,5 @@
 """Identifiability of a posterior: all parts, the sentence that sums them up, and the job ``identify``."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

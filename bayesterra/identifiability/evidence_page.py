@@ -1,7 +1,5 @@
 """What the data determine, how it hangs together, and how that was found: sections and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

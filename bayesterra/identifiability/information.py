@@ -14,8 +14,6 @@ is noisier. Beside both stand what independent draws would give (the 95 % point 
 coupling of the prior after the physical cut, which is none of the data's doing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -97,7 +95,7 @@ class Compared:
     draws: FloatArray
 
     @classmethod
-    def scores(cls, reference: FloatArray, draws: FloatArray) -> Compared:
+    def scores(cls, reference: FloatArray, draws: FloatArray) -> "Compared":
         """In normal scores under the reference."""
         return cls(verdicts.scores_under(reference, reference), verdicts.scores_under(reference, draws))
 
@@ -295,7 +293,7 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def _row(a: str, b: str, after: _Scored, before: _Scored) -> dict[str, object]:
+def _row(a: str, b: str, after: "_Scored", before: "_Scored") -> dict[str, object]:
     figure, (check, error), prior = after.copula(a, b), after.nearest(a, b), before.copula(a, b)
     return {
         "first": a,
@@ -325,7 +323,7 @@ class _Scored:
     white: Mapping[str, FloatArray]
 
     @classmethod
-    def of(cls, sets: Columns, draws: FloatArray) -> _Scored:
+    def of(cls, sets: Columns, draws: FloatArray) -> "_Scored":
         few = spaced(draws, NEAREST_DRAWS)
         few = few[np.sort(np.unique(few, axis=0, return_index=True)[1])]  # a walker may have stood still
         return cls(sets, verdicts.ranked(draws), {name: whitened(few[:, list(held)]) for name, held in sets.items()})

@@ -21,8 +21,6 @@ made up for by the others but for a fraction 1 / γ_K. The importance of a param
 δ_msqr = √(Σ s_j² / readings). Over several parameter sets the median of each figure is taken.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Identifiability analysis as a page, figures of its profiles and a terminal table."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

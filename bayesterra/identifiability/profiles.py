@@ -10,8 +10,6 @@ flat priors. Posterior profiles add the log density of the prior in physical par
 are followed to where 1e-4 of their probability is left.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -66,7 +64,7 @@ class Profile:
     failed: BoolArray
 
     @cached_property
-    def sound(self) -> Profile:
+    def sound(self) -> "Profile":
         """The profile without the points that failed."""
         if not self.failed.any():
             return self
@@ -269,7 +267,7 @@ class _Found:
     gain: float
 
     @classmethod
-    def of(cls, names: tuple[str, ...], kind: str, target: Target, traces: Traces, beforehand: FloatArray) -> _Found:
+    def of(cls, names: tuple[str, ...], kind: str, target: Target, traces: Traces, beforehand: FloatArray) -> "_Found":
         """Read the profiles off the traces."""
         possible = np.isfinite(traces.value)
         level, x = np.full(len(possible), -np.inf), np.full(traces.y.shape, np.nan)

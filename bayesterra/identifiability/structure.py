@@ -10,8 +10,6 @@ A null space that is the same everywhere is a redundancy of the parameters as th
 under wheels of one width, or of n0 and n1 at one slip; one that turns from draw to draw is a curve.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -67,7 +65,7 @@ class Structure:
     """
 
     names: tuple[str, ...]
-    design: Design
+    design: "Design"
     rank: int
     nulls: tuple[Null, ...]
     table: pd.DataFrame
@@ -110,7 +108,7 @@ def structure(posterior: Whole, prior: FloatArray) -> Structure:
     )  # fmt: skip
 
 
-def _soil_nulls(posterior: Whole, prior: FloatArray, spectra: Ranks) -> list[Null]:
+def _soil_nulls(posterior: Whole, prior: FloatArray, spectra: "Ranks") -> list[Null]:
     """Unseen directions of all but the noise."""
     columns = soil_columns(posterior)
     names = [posterior.names[i] for i in columns]

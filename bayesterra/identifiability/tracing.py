@@ -6,8 +6,6 @@ counted. A point that stands out above both its neighbours, or has no value betw
 tried again from between them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -63,14 +61,14 @@ class Traces:
         self.improved = np.isfinite(self.value)
 
     @classmethod
-    def empty(cls, target: Target, column: IntArray, place: FloatArray) -> Traces:
+    def empty(cls, target: Target, column: IntArray, place: FloatArray) -> "Traces":
         """Points at which nothing is known yet, in order of parameter and value."""
         order = np.lexsort([place, column])
         n, d = len(column), len(target.chart.low)
         unknown = np.full((n, SOURCES), np.nan)
         return cls(target, column[order], place[order], np.zeros((n, d)), np.full(n, np.inf), unknown)
 
-    def with_points(self, column: IntArray, place: FloatArray) -> Traces:
+    def with_points(self, column: IntArray, place: FloatArray) -> "Traces":
         """These and new points in order; what is known stays."""
         new = Traces.empty(self.target, column, place)
         order = np.lexsort([np.append(self.place, new.place), np.append(self.column, new.column)])

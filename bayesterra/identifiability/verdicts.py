@@ -13,8 +13,6 @@ repeats its prior            none of these
 The reference is the prior after the physical cut, never the stated box.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields
 

@@ -1,7 +1,5 @@
 """``fit``: a study in, one :class:`Fit` per method out."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from time import perf_counter

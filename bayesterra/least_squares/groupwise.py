@@ -3,8 +3,6 @@
 The equations of IM2 and IM3 stand in :mod:`bayesterra.models.decoupled`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 

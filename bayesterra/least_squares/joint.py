@@ -7,8 +7,6 @@ the method, joint against the posterior the uncertainty. Laws of the prior enter
 ratios at the lowest and the highest slip it is a plain bound.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from operator import attrgetter
@@ -62,7 +60,7 @@ class WeightedMisfit:
     upper: FloatArray
     squares: tuple[Squares, ...] = ()
 
-    def told(self) -> WeightedMisfit:
+    def told(self) -> "WeightedMisfit":
         """The misfit of many rows by few residuals, as near as nodes tell the model there; else itself."""
         nodes = self.model.forward.nodes
         if nodes is None:

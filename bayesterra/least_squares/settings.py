@@ -1,7 +1,5 @@
 """Start values, bounds, held parameters and usable rows of the least-squares methods."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import SimpleNamespace
@@ -89,7 +87,7 @@ class Overrides:
                 if not np.isfinite(value):
                     raise StudyError(f"least squares: {name!r} must be finite (got {value:g})")
 
-    def over(self, study: Study) -> Overrides:
+    def over(self, study: Study) -> "Overrides":
         """These, completed from the study."""
         stated = study.least_squares
         delta = stated.delta if self.delta is None else self.delta

@@ -7,8 +7,6 @@ one fit to all readings; plates with Wong's (1980) weights, which make residuals
 of the pressure.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Least squares may try c1, c2 that put θm outside (θ2, θ1), or n0, n1 with N �
 modelled with θm/θ1 (or N) at the nearest value inside; the excess is reported.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol

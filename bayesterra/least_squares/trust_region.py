@@ -7,8 +7,6 @@ paper's K_s back: no scaling of the parameters, one preconditioned conjugate gra
 after small changes, which on a valley floor is far from the minimum. ``minimise`` is the solver to identify with.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

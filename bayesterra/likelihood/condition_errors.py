@@ -7,8 +7,6 @@ filtering; Minka 2001, Uncertainty in Artificial Intelligence 17, 362). That law
 tell a load well inside the range.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -97,7 +95,7 @@ class Loads:
         readings: FloatArray,
         ends: tuple[float, float],
         scatter: Callable[[FloatArray], FloatArray],
-    ) -> Loads:
+    ) -> "Loads":
         """Loads that readings (m, k) tell, row by row, by Gauss–Newton steps from those of ``forward``.
 
         ``ends`` are those of the flat prior; ``scatter`` gives standard deviations (n, m, k) of the readings
@@ -134,7 +132,7 @@ class Loads:
         """Effects of one standard deviation of the loads on the channels (n, m, k)."""
         return self.slopes * self.sd[:, :, None]
 
-    def take(self, chosen: IntArray) -> Loads:
+    def take(self, chosen: IntArray) -> "Loads":
         """Those of some parameter sets, also repeatedly."""
         parts = (self.values, self.slopes, self.at, self.mean, self.sd, self.level)
         return Loads(self.outcomes.take(chosen), *(part[chosen] for part in parts))

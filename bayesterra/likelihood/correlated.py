@@ -11,8 +11,6 @@ over its size. A latent load (drive ``both``) counts to first order about the lo
 of all that is drawn in draws.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property

@@ -6,8 +6,6 @@ number of its row, which moves the outcomes along its effects (n, m, k, e). Bloc
 that all of them are factorised at once for any number of parameter sets.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -83,7 +81,7 @@ class Stack:
         """Mask of pairs of readings of a block that are of one row (B, q, q)."""
         return np.asarray(self.rows[:, :, None] == self.rows[:, None, :])
 
-    def whitening(self, scale: FloatArray, sizes: FloatArray, effects: FloatArray) -> Whitening:
+    def whitening(self, scale: FloatArray, sizes: FloatArray, effects: FloatArray) -> "Whitening":
         """The factor of the covariance; arguments as for :meth:`covariance`."""
         if not self.terms and not self.tied:
             sd = scale[:, self.rows, self.columns]
@@ -115,7 +113,7 @@ class Whitening:
         """Wᵀ times white residuals (n, B, q)."""
         return np.asarray((self.matrix.swapaxes(-1, -2) @ white[..., None])[..., 0])
 
-    def take(self, chosen: IntArray) -> Whitening:
+    def take(self, chosen: IntArray) -> "Whitening":
         """Those of the sets, also repeatedly."""
         if len(self.matrix) == 1:
             return self
@@ -267,7 +265,7 @@ class TableLaw:
     loads: Loads | None = None  # latent loads, whose effects are the last; None where loads are known
     sites: Sites | None = None  # what stands in the place of readings without a normal law; None without any
 
-    def told(self, side: FloatArray, readings: FloatArray) -> TableLaw:
+    def told(self, side: FloatArray, readings: FloatArray) -> "TableLaw":
         """The same with normal laws in place of readings that have none; see :class:`Sites`.
 
         ``side`` (m, k) is 1 and −1 for readings known to lie above and below what they say, 0 for numbers.
@@ -288,14 +286,14 @@ class TableLaw:
             law = law._with(sites)
         return law
 
-    def _with(self, sites: Sites | None) -> TableLaw:
+    def _with(self, sites: Sites | None) -> "TableLaw":
         """The same with other laws in place of readings."""
         law = replace(self, sites=sites)
         parts = (stack.whitening(law.noise, self.sizes, self.effects) for stack in self.layout.stacks)
         return replace(law, whitenings=tuple(parts))
 
     @cached_property
-    def expected(self) -> TableLaw:
+    def expected(self) -> "TableLaw":
         """The same with normal noise of the information that heavy-tailed noise has about its place."""
         if self.sites is None or not self.layout.heavy.any():
             return self
@@ -320,7 +318,7 @@ class TableLaw:
             off[:, sites.row, sites.column] = sites.values - self.mean[:, sites.row, sites.column]
         return off
 
-    def take(self, chosen: IntArray) -> TableLaw:
+    def take(self, chosen: IntArray) -> "TableLaw":
         """At some of the sets, also repeatedly."""
         return replace(
             self, mean=self.mean[chosen], scale=self.scale[chosen], sizes=self.sizes[chosen],

@@ -15,8 +15,6 @@ The process is Markov, so that differences of neighbours are independent: the li
 Mean curves f are those of :mod:`bayesterra.models.soil_tests`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -165,7 +163,7 @@ class Experiment:
         """Readings that are used."""
         return self.test.readings
 
-    def only(self, chosen: BoolArray) -> Experiment:
+    def only(self, chosen: BoolArray) -> "Experiment":
         """The same with some of its tests (t,) only."""
         return replace(self, test=replace(self.test, readings=self.readings.only(chosen)))
 

@@ -9,10 +9,8 @@ tabulated once. Not so where a size hangs on what is modelled, where readings ar
 or of a latent load, where a law has Student's or one's own tails, or where the prior of σ depends on another parameter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -153,10 +151,12 @@ class NoiseIntegral:
 class IntegratedNoise(Likelihood):
     """Likelihood of which every estimated standard deviation is integrated out.
 
-    ``integrals`` are those of the channels, None where noise is stated. It takes no noise values: (n, 0).
+    ``integrals`` are those of the channels, None where noise is stated; ``units`` (m, channels) are the stated standard
+    deviations, 1 of what is estimated. It takes no noise values: (n, 0).
     """
 
     integrals: tuple[NoiseIntegral | None, ...] = ()
+    units: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
 
     def log_told(self, sums: Sequence[Squares], outcomes: Outcomes, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n,) of readings of which these are the squares, by ``outcomes`` of the nodes."""
@@ -171,13 +171,7 @@ class IntegratedNoise(Likelihood):
 
     def _sums(self, outcomes: Outcomes) -> FloatArray:
         """Sums (n, channels) of squared residuals, in units of what is stated of their standard deviations."""
-        return np.asarray(np.nansum(((self.measured - self.predicted(outcomes)) / self._scales) ** 2, axis=1))
-
-    @cached_property
-    def _scales(self) -> FloatArray:
-        scales = self.stated_scales
-        assert scales is not None, "see integrated"  # noqa: S101
-        return scales
+        return np.asarray(np.nansum(((self.measured - self.predicted(outcomes)) / self.units) ** 2, axis=1))
 
     def _log(self, sums: FloatArray) -> FloatArray:
         total = np.zeros(len(sums))
@@ -188,7 +182,7 @@ class IntegratedNoise(Likelihood):
     @cached_property
     def _stated(self) -> FloatArray:
         """Log density (channels,) of readings without residuals, where noise is stated."""
-        logs = GAUSSIAN.log_peak - np.log(self._scales)
+        logs = GAUSSIAN.log_peak - np.log(self.units)
         return np.asarray(np.where(np.isnan(self.measured), 0.0, logs).sum(axis=0))
 
     def drawn(self, soil: FloatArray, rng: Generator) -> FloatArray:
@@ -209,7 +203,7 @@ def integrated(posterior: Posterior) -> Posterior:
         *prior.ties.values(),
         *(name for pair in (*prior.correlation, *prior.mixtures) for name in pair.split(", ")),
     }
-    if not names or type(whole) is not Likelihood or whole.stated_scales is None:
+    if not names or type(whole) is not Likelihood or (units := whole.stated_scales) is None:
         return posterior
     if not names < set(prior.laws) or names & shared:
         return posterior
@@ -221,7 +215,7 @@ def integrated(posterior: Posterior) -> Posterior:
     if max(NODES * each.panels for each in integrals if each) > MOST:
         return posterior
     rest = replace(prior, entries={name: entry for name, entry in prior.entries.items() if name not in names})
-    likelihood = IntegratedNoise(whole.forward, whole.observations, whole.noise, None, integrals)
+    likelihood = IntegratedNoise(whole.forward, whole.observations, whole.noise, None, integrals, units)
     return replace(posterior, prior=rest, likelihood=likelihood)
 
 

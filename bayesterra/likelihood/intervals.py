@@ -5,8 +5,6 @@ in [y − δ/2, y + δ/2], and its probability is that of the interval under the
 modelled value. The likelihood takes that probability over δ, which goes over into a density as δ falls.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,7 +29,7 @@ class Intervals:
     @classmethod
     def of(
         cls, rows: Observations, noise: Sequence[Noise], readings: FloatArray, *, rounding: bool
-    ) -> Intervals | None:
+    ) -> "Intervals | None":
         """Those of some rows; None where every reading is a number to its last digit."""
         if not rows.limits and not (rounding and any(entry.resolution for entry in noise)):
             return None

@@ -1,7 +1,5 @@
 """Joint posterior of several groups of rows: what they share, what is their own, and populations."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -83,7 +81,7 @@ class JointPosterior:
         return (*self.shared_and_hyper, *(name_in_group(name, group) for group in self.groups for name in self.local))
 
     @cached_property
-    def prior(self) -> JointPrior:
+    def prior(self) -> "JointPrior":
         """The stated prior of all parameters."""
         return JointPrior(self)
 

@@ -12,8 +12,6 @@ with nothing where the model carries no load W. It is computed over z, dW = dF_N
 at a sinkage at once; the error of its logarithm is below 1e-3.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -96,7 +94,7 @@ class Likelihood:
         return total
 
     @cached_property
-    def _finer(self) -> Likelihood:
+    def _finer(self) -> "Likelihood":
         return replace(self, forward=self.forward.finer)
 
     @cached_property
@@ -387,7 +385,7 @@ class LatentLoad(Likelihood):
                 sides[:, i] = self.intervals.sides(self.measured)[:, column]
         return readings, sides, fraction, dof, beyond
 
-    def _data(self, soil: FloatArray, noise_values: FloatArray) -> Data:
+    def _data(self, soil: FloatArray, noise_values: FloatArray) -> "Data":
         """Readings and laws as the compiled loop takes them."""
         readings, sides, fraction, dof, beyond = self._fixed
         estimated = iter(noise_values.T)
@@ -402,7 +400,7 @@ class LatentLoad(Likelihood):
         return readings, sides, floor, fraction, dof, beyond, shift, np.log(self.load_range)
 
 
-def _chosen(data: Data, rows: BoolArray) -> Data:
+def _chosen(data: "Data", rows: BoolArray) -> "Data":
     """The data of some rows."""
     if rows.all():
         return data

@@ -4,8 +4,6 @@ Panels of full accuracy are laid over the interval that the search found; one mo
 forces are polynomials, so the integrand is cheap, and is summed until twice the places say the same.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayesterra.likelihood import load_integrand as lv

@@ -7,8 +7,6 @@ Panels are laid over log sinkage until nothing of weight can lie outside. Where 
 narrow between the places of a scan, its height is judged by a parabola, and doubts keep the place in.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from bayesterra.models import kernels as at

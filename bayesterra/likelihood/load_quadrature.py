@@ -5,8 +5,6 @@ where the weight is until it is well resolved; there it is summed over dW by Gau
 narrower than a cell of the first grid counts where its neighbours show it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

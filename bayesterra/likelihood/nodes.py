@@ -4,8 +4,6 @@ Between the slips at which a model bends its outcomes are smooth, and a polynomi
 piece tells any number of rows of one wheel under one load. Its last coefficients say, soil by soil, whether it does.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from itertools import pairwise
 
@@ -33,7 +31,7 @@ class Nodes:
     sizes: FloatArray  # (3, t): what the coefficients of an outcome are small against
 
     @classmethod
-    def of(cls, model: ForwardModel, rows: Conditions, load: FloatArray, times: int = 1) -> Nodes | None:
+    def of(cls, model: ForwardModel, rows: Conditions, load: FloatArray, times: int = 1) -> "Nodes | None":
         """Nodes for some rows, so many ``times`` as many as most soils need.
 
         None where a model is not known to be smooth, or no wheel and load has enough rows.
@@ -104,7 +102,7 @@ class Squares:
     logs: float  # sum of the logarithms of their scales
 
     @classmethod
-    def of(cls, readings: FloatArray, scale: FloatArray, spread: FloatArray) -> Squares:
+    def of(cls, readings: FloatArray, scale: FloatArray, spread: FloatArray) -> "Squares":
         """Of readings (m,), NaN where there is none, with scales (m,)."""
         read = ~np.isnan(readings)
         columns = np.vstack([spread[:, read], readings[read]]) / scale[read]

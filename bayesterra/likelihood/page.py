@@ -1,7 +1,5 @@
 """A study on a page and on a terminal: readings, wheels, model, noise, prior and its physical support."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from typing import Any
 

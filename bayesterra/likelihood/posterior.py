@@ -1,7 +1,5 @@
 """Prior and likelihood joined: one callable that knows why a parameter set is impossible."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -93,7 +91,7 @@ class Posterior:
         return self.prior.names
 
     @property
-    def groups(self) -> Mapping[str, Posterior]:
+    def groups(self) -> "Mapping[str, Posterior]":
         """The one group of a study without groups, which has no name."""
         return {"": self}
 
@@ -110,7 +108,7 @@ class Posterior:
         """Draws (n, d) of the prior cut to the physical support, see :func:`draw_cut_prior`."""
         return draw_cut_prior(self, n, rng).x
 
-    def one_group(self, group: str, x: FloatArray, rng: Generator) -> tuple[Posterior, FloatArray]:
+    def one_group(self, group: str, x: FloatArray, rng: Generator) -> "tuple[Posterior, FloatArray]":
         """Posterior of the only group, and its parameter sets (n, d): ``x`` itself."""
         return self, x
 

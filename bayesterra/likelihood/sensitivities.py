@@ -26,8 +26,6 @@ covariance K, and carry
 so what a discrepancy can imitate is not counted as known. So do the log readings of each soil test.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -56,7 +54,7 @@ class Sensitivities:
     by_parameter: FloatArray  # (n, m, k, d), at the given load or sinkage reading; at constant load with drive ``both``
     by_load: FloatArray  # (n, m, k), derivative by the row's latent load; 0 where the load is known
 
-    def of(self, channels: tuple[str, ...]) -> Sensitivities:
+    def of(self, channels: tuple[str, ...]) -> "Sensitivities":
         """Only some channels."""
         kept = [self.channels.index(name) for name in channels]
         parts = (part[:, :, kept] for part in (self.values, self.by_parameter, self.by_load))
@@ -178,7 +176,7 @@ def score_and_information(posterior: Posterior, x: FloatArray) -> tuple[FloatArr
     return gradient, information
 
 
-def _gradient(posterior: Posterior, x: FloatArray, scaled: Scaled) -> FloatArray:
+def _gradient(posterior: Posterior, x: FloatArray, scaled: "Scaled") -> FloatArray:
     """Gradient of the log likelihood (n, d) where every reading is apart."""
     likelihood, values = posterior.likelihood, scaled.local.values
     read, intervals = ~np.isnan(likelihood.measured), likelihood.intervals
@@ -207,7 +205,7 @@ class Scaled:
     bare_spread: FloatArray  # by the parameters, of the scale before readings are rounded
 
     @classmethod
-    def of(cls, posterior: Posterior, x: FloatArray) -> Scaled:
+    def of(cls, posterior: Posterior, x: FloatArray) -> "Scaled":
         """At sets ``x`` (n, d)."""
         x = np.atleast_2d(np.asarray(x, dtype=np.float64))
         local = sensitivities(posterior, x).of(posterior.likelihood.channels)

@@ -6,8 +6,6 @@ limits Cunningham, Hennig and Lacoste-Julien 2013, arXiv:1111.6832). Heavy-taile
 normal laws here, so that these moments are sums.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -67,7 +65,7 @@ class Sites:
     @classmethod
     def begun(
         cls, side: FloatArray, readings: FloatArray, scale: FloatArray, sd: FloatArray, tails: tuple[Tails, ...]
-    ) -> Sites:
+    ) -> "Sites":
         """Where they begin, with standard deviations ``sd`` (n, m, k).
 
         ``side`` (m, k) is 1 and −1 for readings (m, k) known to lie above and below what they say, 0 for
@@ -81,7 +79,7 @@ class Sites:
         none = np.zeros(spread.shape)
         return cls(row, column, low, high, noise, parts, shares, none + end, spread, none, none)
 
-    def given(self, others: FloatArray, variance: FloatArray) -> Sites:
+    def given(self, others: FloatArray, variance: FloatArray) -> "Sites":
         """As all other readings tell these (n, q); ``variance`` holds what stands in their place, too."""
         left, wide = self._left(variance), self.low < self.high
         moments = np.empty((*left.shape, 4))
@@ -120,7 +118,7 @@ class Sites:
         score = ndtri(np.maximum(np.minimum(below, above), 1e-300))  # the tail with the digits
         return np.asarray(np.where(below < above, score, -score))
 
-    def take(self, chosen: IntArray) -> Sites:
+    def take(self, chosen: IntArray) -> "Sites":
         """Those of the sets, also repeatedly."""
         parts = {n: getattr(self, n)[chosen] for n in ("scale", "values", "sd", "level", "stretch")}
         return replace(self, **parts)

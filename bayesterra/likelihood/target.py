@@ -5,8 +5,6 @@ models' exact derivatives, and so is the gradient. Only a latent load has none: 
 projected out of its information, and the gradient is taken by differences.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -42,7 +40,7 @@ class Target:
     """
 
     posterior: Posterior
-    chart: Chart
+    chart: "Chart"
     with_prior: bool
     anchor: FloatArray | None
 

@@ -19,8 +19,6 @@ Asked of the groups alone, all other parameters are each group's own. That leave
 moves together, such as K and φ, hides differences. Asked as stated, all others have their roles in the study.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any

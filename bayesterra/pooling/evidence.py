@@ -18,8 +18,6 @@ density of both halves together (the balance heuristic of Veach and Guibas 1995)
 small they are bounded by what the likelihood is at the shared values.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -318,7 +316,7 @@ class Weighed:
         own = log_mean(self.apart + likelihood, axis=1)
         return pooled.beside(own.tolist())
 
-    def left_out(self, group: int, row: int | None = None) -> LeftOutShare:
+    def left_out(self, group: int, row: int | None = None) -> "LeftOutShare":
         """Prediction of all else for a group, or for one of its rows."""
         whole = self.base + self.groups.sum(axis=0)
         others = self.base + np.delete(self.groups, group, axis=0).sum(axis=0)

@@ -1,7 +1,5 @@
 """Result of a study with groups as a page, with its figure."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The run of a study with a [pooling] table: joint posterior, both extremes, the verdict; one group alone."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

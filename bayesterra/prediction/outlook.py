@@ -1,7 +1,5 @@
 """Outlook of a rover: the draws of a result on slopes and against tow forces, as a folder."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from importlib.metadata import version

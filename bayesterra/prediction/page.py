@@ -1,7 +1,5 @@
 """Predictions and rovers as figures, notebook and terminal tables."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Prediction: draws and bands for wheels, loads and slips that were not measured."""
 
-from __future__ import annotations
-
 import re
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -58,7 +56,7 @@ class Condition:
     value: float
 
     @classmethod
-    def read(cls, text: str, dimensions: Mapping[str, str]) -> Condition:
+    def read(cls, text: str, dimensions: Mapping[str, str]) -> "Condition":
         """Condition from a text such as ``drawbar_pull > 20 N``.
 
         Parameters
@@ -107,11 +105,11 @@ class Predicted(AnalysisResult):
 
     @property
     @abstractmethod
-    def cases(self) -> Sequence[Case]:
+    def cases(self) -> "Sequence[Case]":
         """Predictions on slip grids, and at the slips that were asked for."""
 
     @property
-    def points(self) -> list[Prediction]:
+    def points(self) -> "list[Prediction]":
         """Predictions at the slips that were asked for."""
         return [at or curve for curve, at in self.cases]
 
@@ -181,7 +179,7 @@ class Prediction(Predicted):
     model_error: bool = False
 
     @property
-    def cases(self) -> Sequence[Case]:
+    def cases(self) -> "Sequence[Case]":
         """The prediction alone."""
         return ((self, None),)
 
@@ -195,7 +193,7 @@ class Prediction(Predicted):
         named = ", ".join(f"{slip:.3g}" for slip in (beyond if beyond.size < 4 else beyond[[0, -1]]))
         return (f"slip {named} lies outside the driven slips, {low:.3g} to {high:.3g}: extrapolated", *self.remarks)
 
-    def at(self, slip: FloatArray) -> Prediction:
+    def at(self, slip: FloatArray) -> "Prediction":
         """The same prediction at some of its slips only."""
         keep = np.isin(self.slip, slip)
         parts = {name: getattr(self, name)[:, keep] for name in ("modelled", "readings", "reasons")}

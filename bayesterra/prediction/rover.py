@@ -4,8 +4,6 @@ A number in the file may say that it is an assumption, ``{ value = "0.28 m", ass
 drawing" }``; it then does so wherever it is used.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path

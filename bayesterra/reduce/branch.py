@@ -1,7 +1,5 @@
 """Branch: the loading part of a plate test, from contact to the greatest load, and its readings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

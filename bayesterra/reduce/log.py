@@ -1,7 +1,5 @@
 """Log: time series of a drive or a plate test, read from a file and brought to SI units."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -44,7 +42,7 @@ class Log:
     def __len__(self) -> int:
         return len(next(iter(self.values.values())))
 
-    def without_offsets(self, record: Log) -> Log:
+    def without_offsets(self, record: "Log") -> "Log":
         """The log minus the means of a zero record, of the channels that both have and that have an offset."""
         both = [name for name in OFFSET if name in self.values and name in record.values]
         if not both:
@@ -53,7 +51,7 @@ class Log:
         zeros = {name: mean_and_error(record.values[name]) for name in both}
         return replace(self, values={**self.values, **{n: self.values[n] - zeros[n][0] for n in both}}, zeros=zeros)
 
-    def tests(self) -> Iterator[Log]:
+    def tests(self) -> "Iterator[Log]":
         """The log by tests; itself where it has one only."""
         if not self.test:
             yield self

@@ -1,7 +1,5 @@
 """Reduced logs as a page, figures and lines on a terminal."""
 
-from __future__ import annotations
-
 from importlib.metadata import version
 
 import numpy as np

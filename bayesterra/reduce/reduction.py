@@ -1,7 +1,5 @@
 """Reduction of logs: steady windows of drives become rows, loading branches of plate tests become readings."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

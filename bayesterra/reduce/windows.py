@@ -1,7 +1,5 @@
 """Windows of drives: stretches under one commanded state, from where all channels are steady to the end."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise

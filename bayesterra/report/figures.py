@@ -1,7 +1,5 @@
 """Figure style: colours and marks; densities of draws along the axis of a parameter."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Numbers as text, with the precision that an interval supports and no more."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable
 

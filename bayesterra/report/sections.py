@@ -1,7 +1,5 @@
 """Sections, verdicts, and the page made of them: what may fail of it, and templates that make HTML."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Names of quantities in HTML: symbols set as in the literature, units, lists of words."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 

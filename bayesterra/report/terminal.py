@@ -1,7 +1,5 @@
 """The terminal: a console that shows text as text, notes, and bars of what is under way."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager

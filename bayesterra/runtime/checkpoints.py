@@ -6,8 +6,6 @@ renamed, so a file with the name of a piece is complete, and others may read whi
 is as good as none: it is made again, and takes its place. Nothing that is read can run code.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -69,7 +67,7 @@ class Checkpoints(CheckpointStore):
     _is_there: Callable[[], bool] = lambda: True
 
     @classmethod
-    def opened(cls, folder: Path, identity: Identity, kind: str = RUN) -> Checkpoints:
+    def opened(cls, folder: Path, identity: Identity, kind: str = RUN) -> "Checkpoints":
         """Begin work in an existing folder, or go on with the one that was begun there.
 
         Damaged pieces are removed, as if they had never been written. ``kind`` is that of the work: a run, or
@@ -87,7 +85,7 @@ class Checkpoints(CheckpointStore):
             raise ResultError(f"'{place}' cannot be read or written: {error.strerror or error}") from error
 
     @classmethod
-    def _opened(cls, folder: Path, identity: Identity, kind: str) -> Checkpoints:
+    def _opened(cls, folder: Path, identity: Identity, kind: str) -> "Checkpoints":
         for path in sorted((folder / BEGUN, *folder.glob("*" + SEGMENT))):
             if path.exists() and not path.is_file():  # it is not ours to remove
                 raise ResultError(f"'{path}' is not a file: move it away")

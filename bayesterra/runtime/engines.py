@@ -4,8 +4,6 @@ A task is a function of a number that returns the same whatever computes it; so 
 engine. :func:`completed` runs a task for many numbers on any :class:`Engine`. The only module that imports dask.
 """
 
-from __future__ import annotations
-
 import logging
 import math
 import os

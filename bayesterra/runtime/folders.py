@@ -1,7 +1,5 @@
 """Folders that appear whole or not at all, in which nothing is touched that someone else put there."""
 
-from __future__ import annotations
-
 import ctypes
 import os
 import re

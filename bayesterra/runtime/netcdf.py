@@ -4,8 +4,6 @@ An HDF5 file may name other files to read in its place, ask for a filter to be l
 than any memory holds while it is a few bytes long. None of that is in files that the package writes.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -121,7 +119,7 @@ class Drawn:
     converged: bool  # whether the sampling passed its own checks
 
     @classmethod
-    def of(cls, posterior: xr.Dataset, record: Mapping[str, Any], place: str) -> Drawn:
+    def of(cls, posterior: xr.Dataset, record: Mapping[str, Any], place: str) -> "Drawn":
         """Label the draws of a group ``posterior`` of dimensions chain and draw."""
         columns = {str(name): values for name, values in posterior.data_vars.items()}
         plain = {name: v for name, v in columns.items() if set(v.dims) == {"chain", "draw"}}

@@ -4,8 +4,6 @@ A folder in the making carries a mark, which lists what is written there before 
 has ``SHA256SUMS``. Everything else in them is someone else's.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

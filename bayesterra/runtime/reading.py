@@ -1,7 +1,5 @@
 """Files that come from outside: ordinary ones, of a bounded size, with checksums where they have them."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os

@@ -4,8 +4,6 @@ No file makes code: Parquet and MATLAB files are asked for numbers and texts, an
 by the definitions that ``rosbags`` ships, never by those that the bag brings along.
 """
 
-from __future__ import annotations
-
 import os
 from collections import defaultdict
 from collections.abc import Iterator

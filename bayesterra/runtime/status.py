@@ -1,7 +1,5 @@
 """The file ``status.json`` of a job at work, and the folder that a job becomes."""
 
-from __future__ import annotations
-
 import json
 import os
 import threading

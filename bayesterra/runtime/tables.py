@@ -5,8 +5,6 @@ Every table that the package writes goes through :func:`csv_text`. A text that b
 one that begins with apostrophes before any of these. Our own readers take that apostrophe off again.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import json
@@ -363,7 +361,7 @@ class Record(BaseModel):
     FORMAT: ClassVar[int] = 1
 
     @classmethod
-    def having(cls, **kinds: Any) -> type[Record]:
+    def having(cls, **kinds: Any) -> "type[Record]":
         """A model of records that have more entries, each of its kind."""
         entries: dict[str, Any] = {name: (kind, ...) for name, kind in kinds.items()}
         return create_model(cls.__name__, __base__=cls, **entries)

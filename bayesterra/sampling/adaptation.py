@@ -9,8 +9,6 @@ is a hundred times the mean is left once in some hundred steps. So that is where
 after another, each fitted to the points around the greatest weight.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -79,12 +77,12 @@ class _Particles:
     log_prior: FloatArray
     log_likelihood: FloatArray
 
-    def resampled(self, log_weights: FloatArray, rng: Generator) -> _Particles:
+    def resampled(self, log_weights: FloatArray, rng: Generator) -> "_Particles":
         """As many points, drawn by weight."""
         chosen = mixtures.systematic(mixtures.relative(log_weights), len(self.u), rng)
         return _Particles(self.u[chosen], self.log_prior[chosen], self.log_likelihood[chosen])
 
-    def accept(self, new: _Particles, log_ratio: FloatArray, rng: Generator) -> None:
+    def accept(self, new: "_Particles", log_ratio: FloatArray, rng: Generator) -> None:
         """Metropolis step: take the new points where a uniform draw allows."""
         taken = np.log(rng.random(len(self.u))) < log_ratio
         self.u[taken] = new.u[taken]
@@ -302,9 +300,9 @@ class _Points:
     dof: float
 
     @classmethod
-    def of(cls, proposal: Proposal, mixture: mixtures.StudentMixture, u: FloatArray, log_target: FloatArray) -> _Points:
+    def of(cls, proposal: Proposal, mixture: mixtures.StudentMixture, u: FloatArray, log_p: FloatArray) -> "_Points":
         v, log_jacobian = proposal.transport_map.inverse(u)
-        level = log_target + log_jacobian
+        level = log_p + log_jacobian
         inside = np.isfinite(level) & np.isfinite(v).all(axis=1)
         return cls(v[inside], level[inside], mixture.log_density(v[inside]), mixture.dof)
 
@@ -322,7 +320,7 @@ class _Points:
         factor = WIDENING * mixtures.root(covariance)
         return mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
 
-    def joined(self, more: _Points) -> _Points:
+    def joined(self, more: "_Points") -> "_Points":
         parts = ((self.v, more.v), (self.log_target, more.log_target), (self.log_proposal, more.log_proposal))
         v, log_target, log_proposal = (np.concatenate(part) for part in parts)
         return _Points(v, log_target, log_proposal, self.dof)

@@ -18,8 +18,6 @@ invertible and its Jacobian is part of the density, so the posterior does not de
 physical limits (c ≥ 0, θ2 < θm < θ1) lie at infinity: no proposal is lost beyond them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -397,7 +395,7 @@ class _Typical:
     share: float
 
     @classmethod
-    def of(cls, posterior: Posterior) -> _Typical:
+    def of(cls, posterior: Posterior) -> "_Typical":
         rows, observations = posterior.likelihood.forward.conditions, posterior.likelihood.observations
         measured = observations.values.get("normal_force", observations.load)
         force = np.where(np.isnan(measured), observations.load, measured)

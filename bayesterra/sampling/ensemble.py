@@ -1,7 +1,5 @@
 """One emcee ensemble with frozen proposals; the only module that imports emcee."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -50,7 +48,7 @@ class EnsembleState:
     gauss: float  # the one left over
 
     @classmethod
-    def of(cls, state: Any) -> EnsembleState:
+    def of(cls, state: Any) -> "EnsembleState":
         """Read emcee's state off."""
         return cls(state.coords, state.log_prob, *state.random_state[1:])
 

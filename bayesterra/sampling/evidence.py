@@ -4,8 +4,6 @@ The only module that imports dynesty, an optional extra. Nested samplers err on 
 settings are run: where they differ from each other they are no judge, and it is not said who is wrong.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -42,7 +40,7 @@ class Proposed:
     log_base: FloatArray  # log prior over proposal (n,); with a log likelihood added, log importance weights
     drawn: int  # number of sets drawn, those outside the prior's range included
 
-    def take(self, chosen: IntArray) -> Proposed:
+    def take(self, chosen: IntArray) -> "Proposed":
         """Those of the sets, also repeatedly."""
         return Proposed(self.u[chosen], self.x[chosen], self.log_base[chosen], self.drawn)
 
@@ -59,7 +57,7 @@ class PosteriorProposal(Generic[W]):
     u: FloatArray
 
     @classmethod
-    def of(cls, posterior: W, draws: FloatArray) -> PosteriorProposal[W]:
+    def of(cls, posterior: W, draws: FloatArray) -> "PosteriorProposal[W]":
         """Around posterior draws (n, d), of which ``FITTED`` at most are used."""
         chosen = coordinates(posterior)
         return cls(posterior, chosen, chosen.from_physical(spaced(draws, FITTED)))
@@ -194,7 +192,7 @@ class Evidence:
         """True where the weights have a tail light enough for the error to hold, and the ensembles agree."""
         return self.k_hat <= self.limit and self.spread <= SPREAD
 
-    def beside(self, own: Sequence[float]) -> Evidence:
+    def beside(self, own: Sequence[float]) -> "Evidence":
         """The same with the log evidences that every ensemble found alone, from draws of its own proposal.
 
         Where all proposals miss the same part of a posterior, draws of theirs cannot show it: neither the
@@ -283,13 +281,13 @@ class Weighted:
     error: float
 
     @classmethod
-    def independent(cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float) -> Weighted:
+    def independent(cls, name: str, x: FloatArray, weights: FloatArray, log_z: float, error: float) -> "Weighted":
         """Independent draws with weights; their effective number is Kish's."""
         size = mixtures.effective_number(weights)
         return cls(name, x, weights, np.full((x.shape[1], 1 + len(QUANTILES)), size), log_z, error)
 
     @classmethod
-    def of_ensembles(cls, name: str, chains: FloatArray, evidence: Evidence | None) -> Weighted:
+    def of_ensembles(cls, name: str, chains: FloatArray, evidence: Evidence | None) -> "Weighted":
         """Draws of ensembles (ensembles, steps, walkers, d), which depend on each other.
 
         Every statistic has the effective size that the diagnosis of the sampling would give it.

@@ -1,7 +1,5 @@
 """Joint posterior in unbounded coordinates, and conditional laws of some coordinates given others."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

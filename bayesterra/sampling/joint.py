@@ -1,7 +1,5 @@
 """Sampler of a joint posterior: groups alone, warm-up runs, then all together."""
 
-from __future__ import annotations
-
 import os
 import time
 from collections import Counter

@@ -18,8 +18,6 @@ whole vectors, so these moves are our own:
 All laws are frozen while draws are kept. Each half of the walkers moves by differences of the other half.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Sequence
 from copy import deepcopy
@@ -98,7 +96,7 @@ class Walkers:
     likelihood: FloatArray  # of every group (groups, w)
 
     @classmethod
-    def at(cls, family: Family, D: FloatArray, L: FloatArray) -> Walkers:
+    def at(cls, family: Family, D: FloatArray, L: FloatArray) -> "Walkers":
         """Evaluate everything once."""
         terms = [family.terms(g, D, L[g]) for g in range(family.groups)]
         population, likelihood = (np.array(part) for part in zip(*terms, strict=True))
@@ -287,7 +285,7 @@ class JointState:
     tried: FloatArray  # likewise
 
     @classmethod
-    def of(cls, ensemble: PooledEnsemble) -> JointState:
+    def of(cls, ensemble: PooledEnsemble) -> "JointState":
         """Read off where an ensemble stands."""
         state = ensemble.rng.bit_generator.state
         numbers = (state["state"]["state"], state["state"]["inc"])

@@ -1,7 +1,5 @@
 """Several independent ensembles, run in fixed rounds until the diagnosis is satisfied."""
 
-from __future__ import annotations
-
 import os
 import sys
 import time
@@ -74,7 +72,7 @@ class Samples:
     acceptance: FloatArray  # share of accepted steps (ensembles, walkers)
     diagnosis: Diagnosis  # the verdict
     adaptations: tuple[Adaptation, ...]  # what each ensemble adapted to before its draws were kept
-    target: Target  # what the walkers moved in
+    target: "Target"  # what the walkers moved in
     seconds: dict[str, float] = field(default_factory=dict)  # wall time by stage, that of earlier processes included
     earlier: float = 0.0  # wall time spent by earlier processes, s
 
@@ -91,7 +89,7 @@ class Target:
     whole: Posterior | None = None
 
     @classmethod
-    def of(cls, posterior: Posterior, whole: Posterior | None = None) -> Target:
+    def of(cls, posterior: Posterior, whole: Posterior | None = None) -> "Target":
         """In the coordinates of its own."""
         return cls(posterior, coordinates(posterior), whole)
 

@@ -1,7 +1,5 @@
 """Summary of draws: the posterior mode, and a table of every quantity with its errors and prior."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

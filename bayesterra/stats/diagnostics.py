@@ -7,8 +7,6 @@ taken for chains: autocorrelation times come from the walker-averaged autocovari
 compares ensembles only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache

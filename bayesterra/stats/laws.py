@@ -3,8 +3,6 @@
 A population is a normal law cut to a range, of one mean and spread for each value.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

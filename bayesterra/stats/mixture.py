@@ -3,8 +3,6 @@
 Mixtures are of multivariate Student-t or normal laws: density, draws, weighted fits.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -292,7 +290,7 @@ class _Points:
     spread: FloatArray
 
     @classmethod
-    def of(cls, z: FloatArray, weights: FloatArray) -> _Points:
+    def of(cls, z: FloatArray, weights: FloatArray) -> "_Points":
         outer = (z[:, :, None] * z[:, None, :]).reshape(len(z), -1)
         return cls(z, weights, outer, _spread(z, weights))
 

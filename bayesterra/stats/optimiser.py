@@ -1,7 +1,5 @@
 """Batched Levenberg–Marquardt inside linear limits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -161,7 +159,7 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(scaled, (right / size)[..., None])[..., 0] / size)
 
 
-def _interior_point(problems: _Problems) -> FloatArray:
+def _interior_point(problems: "_Problems") -> FloatArray:
     """Mehrotra's predictor–corrector method (Nocedal and Wright 2006, algorithm 16.4), from p = 0."""
     p, s = np.zeros_like(problems.slope), np.maximum(problems.slack, FIRST)
     z, left = np.ones_like(s), np.arange(len(p))
@@ -183,11 +181,11 @@ class _Problems:
     held: BoolArray
     rows: FloatArray
 
-    def take(self, chosen: IntArray) -> _Problems:
+    def take(self, chosen: IntArray) -> "_Problems":
         """Some of them."""
         return _Problems(self.matrix[chosen], self.slope[chosen], self.slack[chosen], self.held[chosen], self.rows)
 
-    def scaled(self) -> _Problems:
+    def scaled(self) -> "_Problems":
         """The same problems with slopes of order one; their solutions are the same."""
         size = np.maximum(np.abs(self.slope).max(axis=1), 1e-12)
         return replace(self, matrix=self.matrix / size[:, None, None], slope=self.slope / size[:, None])

@@ -8,8 +8,6 @@ probability instead goes to 0 towards the end as a power of the distance. Densit
 are those of one map x(z), so they agree to the last digits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -74,7 +72,7 @@ class QuantileLaw(Law):
         return 0.0, 0.0
 
     @cached_property
-    def _map(self) -> _Map:
+    def _map(self) -> "_Map":
         return _Map.through(np.array(self.scores), np.array(self.values), self.range)
 
     def score(self, x: FloatArray) -> FloatArray:
@@ -113,7 +111,7 @@ class QuantileLaw(Law):
         """Value above which the probability is ``q`` (any shape)."""
         return self.at_score(-ndtri(q))
 
-    def widened(self, factor: float) -> QuantileLaw:
+    def widened(self, factor: float) -> "QuantileLaw":
         """The law whose values at scores z are those of this one at ``factor`` · z, at the same scores."""
         if factor == 1.0:
             return self
@@ -138,7 +136,7 @@ class _Tail:
     power: float
 
     @classmethod
-    def of(cls, z: float, x: float, slope: float, end: float) -> _Tail:
+    def of(cls, z: float, x: float, slope: float, end: float) -> "_Tail":
         """The tail that goes on from a row with its slope."""
         room = x - end
         if room > slope * (REACH + z):
@@ -176,7 +174,7 @@ class _Map:
     above: _Tail
 
     @classmethod
-    def through(cls, z: FloatArray, x: FloatArray, ends: tuple[float, float]) -> _Map:
+    def through(cls, z: FloatArray, x: FloatArray, ends: tuple[float, float]) -> "_Map":
         """Slopes are geometric means of those of the neighbouring secants, extrapolated at the ends."""
         logs = np.log(np.diff(x) / np.diff(z))
         middle = 0.5 * (logs[1:] + logs[:-1])

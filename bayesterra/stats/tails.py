@@ -1,7 +1,5 @@
 """Laws of standardised residuals, symmetric and of unit scale: Gaussian, with heavier tails, or one's own."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property

@@ -1,7 +1,5 @@
 """Transport map: a triangular polynomial map that straightens curved ridges, fitted to points."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import cache, cached_property

@@ -6,8 +6,6 @@
               (:mod:`bayesterra.likelihood.likelihood`).
 """
 
-from __future__ import annotations
-
 from enum import StrEnum
 from typing import Self
 
@@ -97,7 +95,7 @@ class Drive(StrEnum):
         return tuple(name for name in OUTCOMES if name not in self.idle)
 
     @property
-    def with_load(self) -> Drive:
+    def with_load(self) -> "Drive":
         """The same where every load is known."""
         return Drive.LOAD if self.latent_load else self
 

@@ -3,8 +3,6 @@
 Named sets of priors stand in ``prior_sets.toml``, in the words of a study file.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -394,7 +392,7 @@ class StatedPriors:
     mixtures: Mapping[str, MixtureCopula] = field(default_factory=dict)
     reference: float = 1.0
 
-    def beside(self, study: Path) -> StatedPriors:
+    def beside(self, study: Path) -> "StatedPriors":
         """The same, with folders of results understood from that of a study file."""
         return replace(self, sources=tuple(source.beside(study) for source in self.sources))
 

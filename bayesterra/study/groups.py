@@ -1,7 +1,5 @@
 """The [pooling] table: which parameters groups share, which each has alone, which come from one law."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -82,7 +80,7 @@ class Pooling:
         values = [f"{name}[{group}]" for group in groups for name in (*self.separate, *self.hierarchical)]
         return [f"{name}.{part}" for name in self.hierarchical for part in ("mean", "spread")] + values
 
-    def checked(self, laws: Mapping[str, Law]) -> Pooling:
+    def checked(self, laws: Mapping[str, Law]) -> "Pooling":
         """The same with every free parameter in one list and every population's priors known.
 
         StudyError where one has no law of its own, or nothing is common to the groups, or everything.

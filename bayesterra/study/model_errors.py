@@ -6,8 +6,6 @@ All are Gaussian. Here are their sizes and shapes; :mod:`bayesterra.likelihood.c
 of them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -32,7 +30,7 @@ class Size:
     sd: float | None = None
     law: Law | None = None
 
-    def checked(self, where: str) -> Size:
+    def checked(self, where: str) -> "Size":
         """The same; StudyError, naming ``where``, unless it is above 0."""
         if self.sd is not None and not (self.sd > 0 and np.isfinite(self.sd)):
             raise StudyError(f"{where} 'sd' must be above 0 (got {self.sd:g})")
@@ -143,7 +141,7 @@ class ModelErrors:
         """Prior laws of the estimated sizes by parameter."""
         return {error.parameter: error.size.law for error in self if error.parameter and error.size.law}
 
-    def of(self, channels: tuple[str, ...]) -> ModelErrors:
+    def of(self, channels: tuple[str, ...]) -> "ModelErrors":
         """The errors of some channels only."""
         curves = {name: curve for name, curve in self.discrepancy.items() if name in channels}
         ripples = {name: ripple for name, ripple in self.ripple.items() if name in channels}

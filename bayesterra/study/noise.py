@@ -3,8 +3,6 @@
 Its law is Gaussian, Student's with given degrees of freedom, whose tails let single readings be far out, or one's own.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -113,7 +111,7 @@ class Noise:
             scale = np.broadcast_to(estimated[:, None], predicted.shape)
         return np.where(np.isnan(given), scale, given)
 
-    def scaled(self, factor: float) -> Noise:
+    def scaled(self, factor: float) -> "Noise":
         """The same with a stated size times ``factor``; an estimated one is as it is."""
         sd, fraction = (None if size is None else factor * size for size in (self.sd, self.fraction))
         return replace(self, sd=sd, fraction=fraction, floor=factor * self.floor)

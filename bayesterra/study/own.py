@@ -1,7 +1,5 @@
 """Models of one's own in studies: laws of forces from Python, or loaded by name where code is allowed."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -43,7 +41,7 @@ def allowing_code(allowed: bool = True) -> Iterator[None]:
 class StudyModel(OwnModel):
     """A model of one's own whose parameters the package knows, in every process that gets it."""
 
-    def __reduce__(self) -> tuple[Callable[..., StudyModel], tuple[Any, ...]]:
+    def __reduce__(self) -> "tuple[Callable[..., StudyModel], tuple[Any, ...]]":
         """Make it anew, parameters and all, from its law."""
         return own_model, (self.law, self.stated)
 

@@ -1,7 +1,5 @@
 """Parameters and their laws on a page: laws in words, the axis of a prior, rows of the strip."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

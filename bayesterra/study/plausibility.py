@@ -1,7 +1,5 @@
 """Readings that no wheel makes, and noise that repeats contradict, found before they pass for a soil."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

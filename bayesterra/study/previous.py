@@ -9,8 +9,6 @@ mixture copula (:mod:`bayesterra.stats.dependence`) is measured likewise, on dra
 seen, and stands in for the correlations if it differs by less.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass

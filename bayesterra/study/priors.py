@@ -1,7 +1,5 @@
 """Priors: a law, a fixed value or a tie for each parameter by name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -44,7 +42,7 @@ class Source:
     take: Mapping[str, str] | None = None
     widen: float = 1.0
 
-    def beside(self, study: Path) -> Source:
+    def beside(self, study: Path) -> "Source":
         """The same, with a relative folder understood from that of a study file."""
         if not isinstance(self.result, str | Path):
             return self
@@ -321,7 +319,7 @@ class Prior:
         return slope, curvature
 
     @cached_property
-    def _at_sinkage(self) -> Prior:
+    def _at_sinkage(self) -> "Prior":
         """The prior of what the laws are about."""
         return replace(self, reference=1.0)
 

@@ -4,8 +4,6 @@ Checked values are SI. The same tables describe study files, where every dimensi
 unit, and calls from Python, where numbers are SI values (``bare`` in the validation context).
 """
 
-from __future__ import annotations
-
 import datetime
 import json
 import re

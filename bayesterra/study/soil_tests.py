@@ -1,7 +1,5 @@
 """Soil tests of a study, plates and shear rings: checked readings, and the parameters that they read."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -58,7 +56,7 @@ class SoilTest:
     """
 
     name: str
-    readings: Readings
+    readings: "Readings"
     names: Mapping[str, str]
     scatter: Mapping[str, Law | float]
     stated: SoilTestTable
@@ -80,7 +78,7 @@ class SoilTest:
         """Soil parameters of the study that it reads, in the order of its law."""
         return tuple(self.names[name] for name in self.readings.model.parameters)
 
-    def with_stress(self, stress: FloatArray) -> SoilTest:
+    def with_stress(self, stress: FloatArray) -> "SoilTest":
         """The same tests with other answers (m,) of the soil: simulated ones, say."""
         made = replace(self.readings, stress=stress)
         columns = {"test": np.array(made.tests)[made.test]}
@@ -205,7 +203,7 @@ class Readings:
         """First reading of every test (t,)."""
         return np.searchsorted(self.test, np.arange(len(self.tests)))
 
-    def only(self, chosen: BoolArray) -> Readings:
+    def only(self, chosen: BoolArray) -> "Readings":
         """Only the tests where ``chosen`` (t,) holds."""
         kept = chosen[self.test]
         number = np.cumsum(chosen) - 1

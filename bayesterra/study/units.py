@@ -1,7 +1,5 @@
 """Quantities with units: text at the edge, SI numbers inside. The only module that knows pint."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Collection

@@ -1,7 +1,5 @@
 """Wheels: files that describe one, wheels of a study by name, and the slips and loads that were driven."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 
