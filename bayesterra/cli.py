@@ -283,9 +283,7 @@ def export(
     methods: Annotated[bool, flag("--methods", "What was done, in words: methods.txt.")] = False,
     bibtex: Annotated[bool, flag("--bibtex", "What these words cite: references.bib.")] = False,
     to: Annotated[str, option("F,F", "Draws as csv or json, SI and radians; soils for chrono-scm.")] = "",
-    slip: Annotated[
-        Texts, option("S,S", "Slips at which chrono-scm takes the exponent; else three driven ones.")
-    ] = None,
+    slip: Annotated[Texts, option("S,S", "Slips where chrono-scm takes the exponent; else three driven.")] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-export.")] = None,
     overwrite: Overwrite = False,
 ) -> None:
@@ -484,7 +482,7 @@ def follow(
     ] = None,
     restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,
     slip_reference: Annotated[
-        str | None, option("RADIUS", "Radius behind the slips: rim, tip or shearing; else the study's.")
+        str | None, option("RADIUS", "Radius of slips: rim, tip, shearing; else as stated.")
     ] = None,
     sinkage_reference: Annotated[str | None, option("PART", "Zero of sinkages: rim, tip; else the study's.")] = None,
     overwrite: Overwrite = False,

@@ -21,7 +21,7 @@ from matplotlib.patches import Patch, PathPatch
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import Bbox, TransformedBbox
 from numpy.typing import ArrayLike
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.stats import rankdata
 
 from bayesterra.arrays import FloatArray, IntArray
@@ -144,6 +144,13 @@ class _Panel:
     panels: _Panels
     i: int
     j: int
+    places: FloatArray  # of the draws (2, n)
+    shares: tuple[float, ...]  # of them that outlines hold
+
+    def levels(self, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+        """Densities above which these shares lie: corner's are of whole bins, and of draws that are smoothed."""
+        at = (self.places[1] - y[0]) / (y[1] - y[0]), (self.places[0] - x[0]) / (x[1] - x[0])
+        return np.asarray(np.quantile(map_coordinates(z, at, order=1), 1 - np.array(self.shares)))
 
     def get_facecolor(self) -> str:
         return "none"
@@ -157,14 +164,15 @@ class _Panel:
         self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, *, colors: str, **look: Any
     ) -> None:
         found: Any = contour_generator(x, y, z)
-        lines = [line for level in levels for line in found.lines(level)]
+        lines = [line for level in self.levels(x, y, z) for line in found.lines(level)]
         self.panels.add(self.i, self.j, lines, fill=False, ec=colors, **look)
 
     def contourf(
         self, x: FloatArray, y: FloatArray, z: FloatArray, levels: FloatArray, *, colors: str = "", **_: Any
     ) -> None:
         if colors:  # else it would hide points, of which there are none
-            found: Any = contour_generator(x, y, z, fill_type=FillType.OuterOffset).filled(levels[-2], levels[-1])
+            contours: Any = contour_generator(x, y, z, fill_type=FillType.OuterOffset)
+            found = contours.filled(self.levels(x, y, z)[0], levels[-1])
             areas = [points[start:end] for points, ends in zip(*found, strict=True) for start, end in pairwise(ends)]
             self.panels.add(self.i, self.j, areas, fc=colors, lw=0.0)
 
@@ -188,7 +196,8 @@ def _outlines(
     ends = [tuple(panels.along(i, np.array(pair))) for i, pair in enumerate(ranges)]
     bare: dict[str, Any] = {"plot_datapoints": False, "plot_density": False}
     for j, i in combinations(range(len(ranges)), 2):
-        _hist2d()(at[j], at[i], range=(ends[j], ends[i]), ax=_Panel(panels, i, j), **bare, **settings)
+        panel = _Panel(panels, i, j, np.stack([at[j], at[i]]), settings["levels"])
+        _hist2d()(at[j], at[i], range=(ends[j], ends[i]), ax=panel, **bare, **settings)
 
 
 def _marginals(panels: _Panels, result: Result, prior: FloatArray, posterior: FloatArray) -> None:

@@ -301,11 +301,12 @@ class Analysis:
     def least_squares(self, standings: Mapping[str, PointEstimate]) -> pd.DataFrame:
         """The table of point estimates with the share of draws denser than each; NaN for incomplete ones."""
         table = report_table(self.fits, self.study)
-        if tests := self.failures.attempt("fits", lambda: list(rows_of_tests(self.study)), list[Any]):
-            table = pd.concat([table, pd.DataFrame(tests, columns=results.COLUMNS)], ignore_index=True)
+        rows = self.failures.attempt("fits", lambda: list(rows_of_tests(self.study)), list[Any])
         if CONDITIONAL in standings:
-            rows = point_rows(CONDITIONAL, standings[CONDITIONAL].values, self.study)
-            table = pd.concat([table, pd.DataFrame(rows, columns=results.COLUMNS)], ignore_index=True)
+            rows = [*rows, *point_rows(CONDITIONAL, standings[CONDITIONAL].values, self.study)]
+        if rows:
+            more = pd.DataFrame(rows, columns=results.COLUMNS)
+            table = pd.concat([table, more], ignore_index=True) if len(table) else more
         levels = {name: np.nan if s.filled else s.credible_level for name, s in standings.items()}
         names = table["method"]
         if "solver" in table:

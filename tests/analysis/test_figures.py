@@ -84,8 +84,10 @@ def test_outlines_of_the_corner_hold_the_mass_that_they_say(small_result: Result
         and np.allclose(panel_of(patch).min, corner)
     ]  # fmt: skip
     places = corner + (draws[:, [j, i]] - limits[:, 0]) / np.ptp(limits, axis=1)
-    shares = [Path(polygon).contains_points(places).mean() for polygon in outlines.get_path().to_polygons()]
-    assert sorted(shares) == pytest.approx([0.5, 0.9], abs=0.04)
+    drawn = outlines.get_path()
+    drawn.should_simplify = False  # to a ninth of a dot, which is a ninth of a panel here
+    shares = [Path(polygon).contains_points(places).mean() for polygon in drawn.to_polygons()]
+    assert sorted(shares) == pytest.approx([0.5, 0.9], abs=0.01)
 
 
 def test_ranks_and_traces_of_all_parameters_are_one_figure_each(small_result: Result) -> None:

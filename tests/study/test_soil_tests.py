@@ -71,7 +71,7 @@ def test_mistakes_in_a_file_are_one_line(file: Path, old: str, new: str, message
     file.write_text(TOML.replace(old, new), encoding="utf-8")
     with pytest.raises(StudyError) as caught:
         load_soil_test(file)
-    assert message in str(caught.value)
+    assert message in str(caught.value).replace("-1.0)", "-1)")  # as older pydantic writes it
     assert "\n" not in str(caught.value)
     assert str(file.parent) in str(caught.value)
 
