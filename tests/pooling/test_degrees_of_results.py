@@ -42,7 +42,9 @@ def samples(*, converged: bool, log_z: float) -> Any:
     """Two ensembles that found the same evidence."""
     adaptation = SimpleNamespace(proposal=None, log_evidence=log_z)
     return SimpleNamespace(
-        diagnosis=SimpleNamespace(converged=converged), adaptations=[adaptation] * 2, coordinates=None
+        diagnosis=SimpleNamespace(converged=converged),
+        adaptations=[adaptation] * 2,
+        target=SimpleNamespace(coordinates=None),
     )
 
 
