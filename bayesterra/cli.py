@@ -85,9 +85,7 @@ def _options(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version.")
     ] = False,
-    allow_code: Annotated[
-        bool, flag("--allow-code", "Run the code that study files name as their model; with every command.")
-    ] = False,
+    allow_code: Annotated[bool, flag("--allow-code", "Run code that study files name; with every command.")] = False,
 ) -> None:
     """Options of all commands."""
     if allow_code:
@@ -292,15 +290,13 @@ def export(
     from bayesterra.analysis.run import load_result
     from bayesterra.prediction.prediction import slips_of
 
-    asked = {
-        name: text.split(",") if text else [] for name, text in (("figures", figures), ("tables", tables), ("to", to))
-    }
+    texts = {"figures": figures, "tables": tables, "to": to}
+    asked = {name: text.split(",") if text else [] for name, text in texts.items()}
     if not (any(asked.values()) or methods or bibtex):
         asked, methods, bibtex = {"figures": ["svg"], "tables": ["csv"], "to": []}, True, True
     folder = out or Path(f"{result.resolve().name.removesuffix('-result')}-export")
-    made = Export(
-        result=load_result(result), asked=asked, methods=methods, bibtex=bibtex, slips=tuple(slips_of(slip or ()))
-    )
+    slips = tuple(slips_of(slip or ()))
+    made = Export(result=load_result(result), asked=asked, methods=methods, bibtex=bibtex, slips=slips)
     made.save(folder, overwrite=overwrite)
     show(made, folder)
 
@@ -466,24 +462,14 @@ def reduce(
 
 @app.command(short_help="Update a posterior row by row; say when the soil changes.")
 def follow(
-    what: Annotated[
-        Path,
-        argument(
-            "STUDY|DIR", "A study (its own measurements are not used), a result folder to go on from, or a stream."
-        ),
-    ],
+    what: Annotated[Path, argument("STUDY|DIR", "A study, without its readings, a result to go on from, or a stream.")],
     data: Annotated[Path, option("FILE", "CSV of rows, read one by one; - is standard input.")],
     out: Annotated[Path | None, option("DIR", "New folder for tables, figure and state; else none.")] = None,
     seed: Seed = 1,
     particles: Annotated[int | None, option("N", "Parameter sets that stand for the posterior.")] = None,
-    false_alarms: Annotated[
-        float | None,
-        option("P", "False alarms of a changed soil per row, at most, averaged over the prior; default 0.0001."),
-    ] = None,
+    false_alarms: Annotated[float | None, option("P", "False alarms per row at most, on average; else 0.0001.")] = None,
     restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,
-    slip_reference: Annotated[
-        str | None, option("RADIUS", "Radius of slips: rim, tip, shearing; else as stated.")
-    ] = None,
+    slip_reference: Annotated[str | None, option("RADIUS", "Radius of slips: rim, tip, shearing; else stated.")] = None,
     sinkage_reference: Annotated[str | None, option("PART", "Zero of sinkages: rim, tip; else the study's.")] = None,
     overwrite: Overwrite = False,
     quiet: Annotated[bool, quieting("No line per row, only alarms and the end.")] = False,

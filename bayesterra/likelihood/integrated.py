@@ -22,7 +22,7 @@ from bayesterra.arrays import FloatArray, in_parts
 from bayesterra.likelihood.forward import Outcomes
 from bayesterra.likelihood.likelihood import DOUBLES, Likelihood
 from bayesterra.likelihood.nodes import Squares
-from bayesterra.likelihood.posterior import Density, Posterior
+from bayesterra.likelihood.posterior import Posterior
 from bayesterra.stats.laws import Law
 from bayesterra.stats.tails import GAUSSIAN
 
@@ -31,8 +31,8 @@ TAIL, NODES, HALVES = 1e-20, 16, 24
 panels at the ends are halved, as far too small or too great residuals push σ there."""
 MOST = 12_000
 """Points of a quadrature, at most: wider laws of more readings are sampled."""
-EXACT, KNOTS = 1e-10, (512, 1024, 2048, 4096, 8192, 16384, 32768)
-"""Error of the table between its knots, as a share where the value is above 1, and numbers of knots to try."""
+EXACT, PROBES, KNOTS = 1e-10, 201, (512, 1024, 2048, 4096, 8192, 16384, 32768)
+"""Error of the table between its knots, as a share of a value above 1; places to test it; numbers of knots to try."""
 WINDOWS, COARSE, FINE, FAINT, NEWTON = 512, 2000, 48, 20.0, 4
 """Sums of squares, and steps over a law, by which is found where it counts for a draw; cells of that part; the log
 density below the peak that does not; steps of Newton's within a cell."""
@@ -44,6 +44,7 @@ class NoiseIntegral:
 
     law: Law
     count: int
+    finer: int = 1  # times that panels are cut
 
     @cached_property
     def ends(self) -> tuple[float, float]:
@@ -54,7 +55,8 @@ class NoiseIntegral:
     @cached_property
     def panels(self) -> int:
         """Panels of the quadrature, each 1.4 standard deviations of log σ wide or less, and ever less at the ends."""
-        return 2 * HALVES + 4 + int(np.ceil((self.ends[1] - self.ends[0]) * np.sqrt(max(self.count, 8))))
+        wide = (self.ends[1] - self.ends[0]) * np.sqrt(max(self.count, 8))
+        return 2 * HALVES + self.finer * (4 + int(np.ceil(wide)))
 
     @cached_property
     def _quadrature(self) -> tuple[FloatArray, FloatArray]:
@@ -69,9 +71,8 @@ class NoiseIntegral:
 
     def _without(self, t: FloatArray) -> FloatArray:
         """Log density of log σ, (k,), times that of readings without residuals."""
-        return np.asarray(
-            self.law.log_density(np.clip(np.exp(t), *self.law.range)) + t + self.count * (GAUSSIAN.log_peak - t)
-        )
+        prior = self.law.log_density(np.clip(np.exp(t), *self.law.range))
+        return np.asarray(prior + t + self.count * (GAUSSIAN.log_peak - t))
 
     def exactly(self, sums: FloatArray) -> FloatArray:
         """Log integrals (n,) by quadrature."""
@@ -82,6 +83,14 @@ class NoiseIntegral:
             return np.asarray(logsumexp(weights - sums[:, None] * half, axis=1))
 
         return in_parts(part, max(1, int(DOUBLES / len(t))), sums)
+
+    @cached_property
+    def told(self) -> bool:
+        """Whether the table agrees with finer quadratures, as it does not where a law bends within its range."""
+        _, low, high = self._table
+        sums = np.exp(np.linspace(low, high, PROBES))
+        finer = replace(self, finer=2).exactly(sums)
+        return bool((np.abs(self(sums) - finer) <= 10 * EXACT * np.maximum(1.0, np.abs(finer))).all())
 
     @cached_property
     def _table(self) -> tuple[Callable[[FloatArray], FloatArray], float, float]:
@@ -120,7 +129,7 @@ class NoiseIntegral:
     def draw(self, sums: FloatArray, rng: Generator) -> FloatArray:
         """Draw σ (n,) given sums of squared residuals (n,), by the inverse of their distribution function.
 
-        Its error is below 1e-4; below and above the table S is what it is at its ends.
+        Its error is below 2e-4; below and above the table S is what it is at its ends.
         """
         return in_parts(self._drawn, int(DOUBLES / FINE / 8), sums, rng.random(len(sums)))
 
@@ -171,7 +180,8 @@ class IntegratedNoise(Likelihood):
 
     def _sums(self, outcomes: Outcomes) -> FloatArray:
         """Sums (n, channels) of squared residuals, in units of what is stated of their standard deviations."""
-        return np.asarray(np.nansum(((self.measured - self.predicted(outcomes)) / self.units) ** 2, axis=1))
+        with np.errstate(over="ignore"):  # forces of 1e200 N have the log density −inf
+            return np.asarray(np.nansum(((self.measured - self.predicted(outcomes)) / self.units) ** 2, axis=1))
 
     def _log(self, sums: FloatArray) -> FloatArray:
         total = np.zeros(len(sums))
@@ -185,46 +195,48 @@ class IntegratedNoise(Likelihood):
         logs = GAUSSIAN.log_peak - np.log(self.units)
         return np.asarray(np.where(np.isnan(self.measured), 0.0, logs).sum(axis=0))
 
-    def drawn(self, soil: FloatArray, rng: Generator) -> FloatArray:
-        """Estimated standard deviations (n, k), drawn from the posterior given the soil (n, p)."""
+    def integrated_out(self, soil: FloatArray, rng: Generator) -> FloatArray:
+        """Estimated standard deviations (n, k), SI, drawn from the posterior given the soil (n, p)."""
         sums = in_parts(lambda part: self._sums(self.forward(part)), self.at_once, soil)
         pairs = zip(self.integrals, sums.T, strict=True)
         return np.column_stack([integral.draw(own, rng) for integral, own in pairs if integral is not None])
 
 
-def integrated(posterior: Posterior) -> Posterior:
-    """The same posterior with estimated noise integrated out, its parameters no longer among the names.
+@dataclass(frozen=True)
+class Integrated(Posterior):
+    """Posterior of a study with estimated noise integrated out; ``whole`` is the posterior of all parameters."""
 
-    Or the posterior itself, where nothing is estimated or one of the estimates is not of the kind that can be.
+    whole: Posterior = field(kw_only=True)
+
+    def completed(self, x: FloatArray, rng: Generator) -> FloatArray:
+        """Parameter sets (n, d) of the whole, SI and radians: those of the soil (n, k), and noise drawn given them."""
+        full, names = np.empty((len(x), len(self.whole.names))), self.whole.names
+        estimated = [noise.parameter for noise in self.likelihood.noise if noise.parameter]
+        full[:, [names.index(name) for name in self.names]] = x
+        drawn = self.likelihood.integrated_out(self.prior.soil_values(x), rng)
+        full[:, [names.index(name) for name in estimated]] = drawn
+        return full
+
+
+def integrated(posterior: Posterior) -> Integrated | None:
+    """The same posterior with estimated noise integrated out, which is no longer among the names.
+
+    None where nothing is estimated, where one of the estimates cannot be integrated out, or nothing else is free.
     """
     prior, whole = posterior.prior, posterior.likelihood
     names = {noise.parameter for noise in whole.noise if noise.parameter}
-    shared = {
-        *prior.ties.values(),
-        *(name for pair in (*prior.correlation, *prior.mixtures) for name in pair.split(", ")),
-    }
-    if not names or type(whole) is not Likelihood or (units := whole.stated_scales) is None:
-        return posterior
-    if not names < set(prior.laws) or names & shared:
-        return posterior
+    joined = (name for several in (*prior.correlation, *prior.mixtures) for name in several.split(", "))
+    if type(whole) is not Likelihood or (units := whole.stated_scales) is None:
+        return None
+    if not names or not names < set(prior.laws) or names & {*prior.ties.values(), *joined}:
+        return None
     counts = (~np.isnan(whole.measured)).sum(axis=0)
     integrals = tuple(
         NoiseIntegral(prior.laws[noise.parameter], int(n)) if noise.parameter else None
         for noise, n in zip(whole.noise, counts, strict=True)
     )
-    if max(NODES * each.panels for each in integrals if each) > MOST:
-        return posterior
+    if not all(NODES * each.panels <= MOST and each.told for each in integrals if each):
+        return None
     rest = replace(prior, entries={name: entry for name, entry in prior.entries.items() if name not in names})
     likelihood = IntegratedNoise(whole.forward, whole.observations, whole.noise, None, integrals, units)
-    return replace(posterior, prior=rest, likelihood=likelihood)
-
-
-def completed(posterior: Posterior, inner: Density, x: FloatArray, rng: Generator) -> FloatArray:
-    """Parameter sets (n, d) of a posterior, from sets (n, k) of what :func:`integrated` made of it."""
-    if not (isinstance(inner, Posterior) and isinstance(inner.likelihood, IntegratedNoise)):
-        return x
-    full, likelihood = np.empty((len(x), len(posterior.names))), inner.likelihood
-    estimated = [str(noise.parameter) for noise in likelihood.noise if noise.parameter]
-    full[:, [posterior.names.index(name) for name in inner.names]] = x
-    full[:, [posterior.names.index(name) for name in estimated]] = likelihood.drawn(inner.prior.soil_values(x), rng)
-    return full
+    return Integrated(rest, likelihood, posterior.experiments, whole=posterior)

@@ -210,6 +210,10 @@ class Likelihood:
         """Discrepancy (n, g, channels) of a wheel at slips (g,); None where the study has none."""
         return None
 
+    def integrated_out(self, soil: FloatArray, rng: Generator) -> FloatArray:
+        """Standard deviations (n, k) that were integrated out, SI, drawn given the soil (n, p): none here."""
+        return np.empty((len(soil), 0))
+
     def fresh(self, forward: Forward, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> FloatArray | None:
         """What new readings at the rows of ``forward`` have beside outcomes and noise; None for nothing."""
         return None

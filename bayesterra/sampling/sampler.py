@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from bayesterra.arrays import FloatArray, spaced
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.integrated import completed, integrated
+from bayesterra.likelihood.integrated import Integrated, integrated
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
 from bayesterra.models.kernels.cache import told_of_compiling
 from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
@@ -81,28 +81,29 @@ class Samples:
 class Target:
     """A posterior in sampling coordinates.
 
-    ``whole`` is that of which estimated noise was integrated out; None where nothing was.
+    ``integrated`` is the posterior where estimated noise was integrated out of it; None where nothing was.
     """
 
     posterior: Density
     coordinates: Coordinates
-    whole: Posterior | None = None
+    integrated: Integrated | None = None
 
     @classmethod
-    def of(cls, posterior: Posterior, whole: Posterior | None = None) -> "Target":
-        """In the coordinates of its own."""
-        return cls(posterior, coordinates(posterior), whole)
+    def of(cls, posterior: Posterior, *, fewest: bool = False) -> "Target":
+        """A posterior in coordinates of its own; with ``fewest``, noise that can be integrated out of it is."""
+        inner = integrated(posterior) if fewest else None
+        return cls(inner or posterior, coordinates(inner or posterior), inner)
 
     @property
     def names(self) -> tuple[str, ...]:
         """Free parameters, what is integrated out among them."""
-        return (self.whole or self.posterior).names
+        return self.integrated.whole.names if self.integrated else self.posterior.names
 
     def completed(self, chains: FloatArray, seed: SeedSequence) -> FloatArray:
         """Chains (..., k) with what was integrated out, (..., d): drawn given the rest."""
-        if self.whole is None:
+        if self.integrated is None:
             return chains
-        x = completed(self.whole, self.posterior, chains.reshape(-1, chains.shape[-1]), default_rng(seed))
+        x = self.integrated.completed(chains.reshape(-1, chains.shape[-1]), default_rng(seed))
         return x.reshape(*chains.shape[:-1], -1)
 
     def densities(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -210,7 +211,7 @@ def sample(
     StudyError : every parameter is fixed.
     ResultError : walkers in the checkpoint store have another density here than where they were saved.
     """
-    target = posterior if isinstance(posterior, Target) else Target.of(integrated(posterior), posterior)
+    target = posterior if isinstance(posterior, Target) else Target.of(posterior, fewest=True)
     if not target.posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
     plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
