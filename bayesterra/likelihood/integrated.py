@@ -226,9 +226,9 @@ def integrated(posterior: Posterior) -> Integrated | None:
     prior, whole = posterior.prior, posterior.likelihood
     names = {noise.parameter for noise in whole.noise if noise.parameter}
     joined = (name for several in (*prior.correlation, *prior.mixtures) for name in several.split(", "))
-    if type(whole) is not Likelihood or (units := whole.stated_scales) is None:
-        return None
     if not names or not names < set(prior.laws) or names & {*prior.ties.values(), *joined}:
+        return None
+    if type(whole) is not Likelihood or (units := whole.stated_scales) is None:
         return None
     counts = (~np.isnan(whole.measured)).sum(axis=0)
     integrals = tuple(
