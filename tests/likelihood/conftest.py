@@ -46,7 +46,7 @@ def row_log_likelihood(whole: LatentLoad, soil: FloatArray, noise: FloatArray, r
         coarse, fine = _interval(whole, soil, noise, row, todo)
         total = logsumexp([*done, *fine])
         with np.errstate(invalid="ignore", over="ignore"):
-            settled = (np.abs(np.expm1(coarse - fine)) < 1e-7) | (np.maximum(coarse, fine) < total - 25.0)
+            settled = np.abs(np.exp(coarse - total) - np.exp(fine - total)) < 1e-8
         settled |= todo[:, 1] - todo[:, 0] < 1e-10 * high  # the load drive solves for the sinkage to that
         done.extend(fine[settled].tolist())
         rest = todo[~settled]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -60,13 +61,16 @@ def of_soil(whole: Posterior) -> Integrated:
     return inner
 
 
+tabulated = lru_cache(NoiseIntegral)
+
+
 def counting(integral: NoiseIntegral, total: float) -> tuple[FloatArray, FloatArray]:
     """Values of log σ that count, many, and the log density there with the readings."""
-    grid = np.linspace(*integral.ends, 100_001)
+    grid = np.linspace(*integral.ends, 20_001)
     for _ in range(2):
         density = log_joint(integral.law, integral.count, total, grid)
         within = np.flatnonzero(density > density.max() - 50)
-        grid = np.linspace(grid[max(within[0] - 1, 0)], grid[min(within[-1] + 1, len(grid) - 1)], 100_001)
+        grid = np.linspace(grid[max(within[0] - 1, 0)], grid[min(within[-1] + 1, len(grid) - 1)], 20_001)
     return grid, log_joint(integral.law, integral.count, total, grid)
 
 
@@ -74,7 +78,7 @@ def counting(integral: NoiseIntegral, total: float) -> tuple[FloatArray, FloatAr
 @pytest.mark.parametrize("count", [0, 1, 5, 300])
 def test_the_table_is_the_integral(law: Law, count: int) -> None:
     """It is right to 1e-9 for residuals of nothing, of the noise, and far beyond it."""
-    integral, middle = NoiseIntegral(law, count), law.median
+    integral, middle = tabulated(law, count), law.median
     sums = max(count, 1) * np.array([0.0, 1e-9, 1e-3, 0.3, 1.0, 4.0, 30.0, 1e3, 1e5]) * middle**2
     for total, got in zip(sums, integral(sums), strict=True):
         grid, density = counting(integral, total)
@@ -86,7 +90,7 @@ def test_the_table_is_the_integral(law: Law, count: int) -> None:
 @pytest.mark.parametrize("count", [1, 5, 300])
 def test_draws_given_the_residuals_have_their_law(law: Law, count: int) -> None:
     """Shares below the draws are uniform, whether the readings or the prior tell σ."""
-    integral = NoiseIntegral(law, count)
+    integral = tabulated(law, count)
     for number, share in enumerate((1e-6, 0.5, 1.0, 30.0)):
         total = share * count * law.median**2
         drawn = np.log(integral.draw(np.full(20_000, total), default_rng(number)))
@@ -102,7 +106,7 @@ def test_a_law_that_bends_within_its_range_is_sampled() -> None:
     """No panel ends at the bend of a triangular law, so that its table is not right to ten digits."""
     law = Law("triang", {"c": 0.37, "loc": 0.1, "scale": 2.0}, lower=0.2)
     assert not NoiseIntegral(law, 5).told
-    assert all(NoiseIntegral(smooth, 5).told for smooth in LAWS)
+    assert all(tabulated(smooth, 5).told for smooth in LAWS)
 
 
 def test_the_density_of_the_soil_is_that_of_all_with_noise_integrated(tmp_path: Path) -> None:
@@ -153,13 +157,13 @@ def test_what_cannot_be_integrated_is_sampled(tmp_path: Path, noise: dict[str, s
 def test_samples_hold_noise_that_follows_from_their_soil(tmp_path: Path) -> None:
     """Draws have a column for every parameter, each standard deviation from its law given the soil beside it."""
     whole = hit(tmp_path, **ESTIMATED)
-    options = SamplingOptions(target_ess=100, walkers=32, max_steps=200, ensembles=4)
+    options = SamplingOptions(target_ess=100, walkers=32, max_steps=100, ensembles=4)
     plan = AdaptationOptions(particles=256, components=4, refinements=(2,), more=())
     samples, again = (sample(whole, options, SeedSequence(3), adaptation=plan) for _ in range(2))
     assert samples.names == whole.names
     assert samples.diagnosis.tau.shape == (11,)
     assert np.array_equal(samples.chains, again.chains)
-    x = samples.chains[:, ::20].reshape(-1, 11)
+    x = samples.chains[:, ::10].reshape(-1, 11)
     likelihood = of_soil(whole).likelihood
     assert isinstance(likelihood, IntegratedNoise)
     soil = whole.prior.soil_values(x)
