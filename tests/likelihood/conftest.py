@@ -58,15 +58,18 @@ def row_log_likelihood(whole: LatentLoad, soil: FloatArray, noise: FloatArray, r
 
 
 def _highest_carried(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int) -> float:
-    """Highest load of the range that the model carries, by bisection."""
+    """Highest load of the range that the model carries, by cutting it into many parts again and again."""
     low, high = whole.load_range
     ends = log_integrand(whole, soil, noise, row, np.array([low, high]))
     if np.isfinite(ends[1]) or np.isneginf(ends[0]):
         return high if np.isfinite(ends[1]) else low
-    for _ in range(80):
-        middle = 0.5 * (low + high)
-        answered = np.isfinite(log_integrand(whole, soil, noise, row, np.array([middle, middle]))[0])
-        low, high = (middle, high) if answered else (low, middle)
+    while high - low > 1e-15 * high:
+        loads = np.linspace(low, high, 34)
+        answered = np.isfinite(log_integrand(whole, soil, noise, row, loads[1:-1]))
+        last = len(answered) if answered.all() else int(np.argmin(answered))
+        if (loads[last], loads[last + 1]) == (low, high):
+            break
+        low, high = float(loads[last]), float(loads[last + 1])
     return low
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +61,14 @@ def of_soil(whole: Posterior) -> Integrated:
     return inner
 
 
-tabulated = lru_cache(NoiseIntegral)
+@cache
+def _table_of(number: int, count: int) -> NoiseIntegral:
+    return NoiseIntegral(LAWS[number], count)
+
+
+def tabulated(law: Law, count: int) -> NoiseIntegral:
+    """The integral of one of the laws, tabulated once."""
+    return _table_of(LAWS.index(law), count)
 
 
 def counting(integral: NoiseIntegral, total: float) -> tuple[FloatArray, FloatArray]:
