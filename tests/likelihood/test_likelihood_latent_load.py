@@ -226,7 +226,7 @@ def test_drawn_loads_follow_their_conditional_law(integrand: Integrand, model: o
     _, whole, _, soil = settled(latent_study(noise=LOOSE, load_range=(1.0, 100.0), model=model), 1)
     none, n = np.empty((4000, 0)), 4000
     drawn = whole.loads(np.repeat(soil, n, axis=0), none, np.random.default_rng(3))
-    loads = np.linspace(1.0, 100.0, 20001)
+    loads = np.linspace(1.0, 100.0, 5001)
     for row in range(len(SLIPS)):
         weight = np.exp(integrand(whole, soil, np.empty((1, 0)), row, loads))
         law = np.cumsum(weight) / weight.sum()
