@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterable
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -40,11 +41,12 @@ ONLY_IN = {
 """Outside libraries that one part of the package only may import."""
 
 
-def imported(path: Path) -> set[str]:
+@cache
+def imported(path: Path) -> frozenset[str]:
     """Top-level names that a source file imports, wherever in the file."""
     nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     plain = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
-    return plain | {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module}
+    return frozenset(plain | {node.module for node in nodes if isinstance(node, ast.ImportFrom) and node.module})
 
 
 @pytest.mark.parametrize("library", ONLY_IN)
@@ -83,39 +85,48 @@ def test_pages_are_loaded_only_where_something_is_drawn() -> None:
     assert strays == []
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "absent"),
-    [
-        (["-S"], "import bayesterra", {"numpy", "typing", "importlib.metadata"}),
-        (
-            [],
-            "import bayesterra; bayesterra.run",
-            {
-                *("matplotlib", "corner", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
-                *(
-                    "bayesterra.analysis.page",
-                    "bayesterra.report.blocks",
-                    "bayesterra.report.sections",
-                    "bayesterra.analysis.soil_tests_page",
-                ),
-                *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
-            },
+BEFORE_IT_IS_NEEDED: dict[str, set[str]] = {
+    "bayesterra.run": {
+        *("matplotlib", "corner", "rich", "jinja2", "typer", "arviz_stats", "distributed"),
+        *(
+            "bayesterra.analysis.page",
+            "bayesterra.report.blocks",
+            "bayesterra.report.sections",
+            "bayesterra.analysis.soil_tests_page",
         ),
-        ([], "import bayesterra.analysis.figures as figures; figures._hist2d()", {"arviz", "arviz_stats", "dask"}),
-    ],
-)
-def test_nothing_is_imported_before_it_is_needed(options: list[str], code: str, absent: set[str]) -> None:
-    """A name of the package brings what it runs, and no page, plot or other room."""
-    program = f"import sys; {code}; print(*sys.modules)"
-    command = [sys.executable, "-S", "-c", program] if code == "import bayesterra" else [sys.executable, "-c", program]
+        *("bayesterra.follow", "bayesterra.prediction.rover", "bayesterra.design"),
+    },
+    "import bayesterra.analysis.figures as figures; figures._hist2d()": {"arviz", "arviz_stats", "dask"},
+}
+"""What a process does, one after the other, and what it has not imported then."""
+
+
+def modules(code: str, *options: str) -> list[set[str]]:
+    """What a new process has imported wherever its code says so."""
+    program = f"import sys\ndef say(): print(*sys.modules)\n{code}"
+    command = [sys.executable, *options, "-c", program]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert "bayesterra" in done.stdout.split()
-    assert absent & set(done.stdout.split()) == set()
+    return [set(line.split()) for line in done.stdout.splitlines()]
+
+
+def test_the_package_alone_imports_next_to_nothing() -> None:
+    """Not even what the names of the package need."""
+    (found,) = modules("import bayesterra; say()", "-S")
+    assert "bayesterra" in found
+    assert {"numpy", "typing", "importlib.metadata"} & found == set()
+
+
+def test_nothing_is_imported_before_it_is_needed() -> None:
+    """A name of the package brings what it runs, and no page, plot or other room."""
+    code = "".join(f"{step}; say()\n" for step in BEFORE_IT_IS_NEEDED)
+    for found, absent in zip(modules(f"import bayesterra\n{code}"), BEFORE_IT_IS_NEEDED.values(), strict=True):
+        assert "bayesterra" in found
+        assert absent & found == set()
 
 
 def test_models_know_no_statistics() -> None:
     """The models import nothing of the package but each other."""
-    names = set().union(*(imported(path) for path in MODELS))
+    names = set[str]().union(*(imported(path) for path in MODELS))
     assert {name for name in names if name.startswith("bayesterra")} == {
         name for name in names if name.startswith("bayesterra.models")
     }
