@@ -20,8 +20,9 @@ from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 from tests.support.adaptation import HALF, little_adaptation, little_leaving_out
+from tests.support.pages import plain_pages
 from tests.support.shared import Shared
-from tests.support.soil_tests import SOIL, WHEEL, both, plate_table, plates, shear
+from tests.support.soil_tests import KNOWN, SOIL, WHEEL, both, plate_table, plates, shear
 
 Analysed = Callable[[str], Result]
 ALONE = {
@@ -35,6 +36,7 @@ def analysed(shared: Shared) -> Analysed:
     """Results by kind of study, each analysed once."""
     made: dict[str, Callable[[], Study]] = {
         "plates": plates,
+        "plates of one memory": lambda: plates(noise=KNOWN),
         "one plate": lambda: plates((0.03,)),
         "shear": shear,
         "one stress": lambda: shear((15e3,)),
@@ -111,7 +113,7 @@ def test_checks_that_fail_cost_no_posterior(monkeypatch: pytest.MonkeyPatch, tmp
     monkeypatch.setattr(inference, "new_tests", refuse)
     monkeypatch.setattr(inference, "rows_of_tests", refuse)
     with little_adaptation(HALF), little_leaving_out():
-        result = bt.run(plates((0.03,)), seed=1)
+        result = bt.run(plates((0.03,), noise=KNOWN), seed=1)
     assert set(result.record["failures"]) == {"left_out", "fits"}
     page = result.save(tmp_path / "out").read_text(encoding="utf-8")
     assert page.count("tests left out could not be computed (ValueError: all tail values are the same)") >= 1
@@ -122,7 +124,7 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     analysed: Analysed, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """As with wheels: the page opens with it, and one line on standard error warns; else nothing does."""
-    sound = analysed("plates")
+    sound = analysed("plates of one memory")
     quiet = {"checks": {"levels of tests uniform": 0.3}, "alarm": False}
     loud = {"checks": {"levels of tests uniform": 0.001, "b": 0.4}, "alarm": True}
     alarmed = replace(sound, record={**sound.record, "soil_tests": loud})
@@ -142,7 +144,7 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
 
 def test_a_result_of_tests_alone_is_a_whole_folder(analysed: Analysed, tmp_path: Path) -> None:
     """All files and none about wheels; draws by name over chain and draw; what is written is the same study."""
-    result = analysed("plates")
+    result = analysed("plates of one memory")
     report = result.save(tmp_path / "out")
     assert {path.name for path in report.parent.iterdir()} == {*ALONE, "soil-test-plate.csv"}
     draws = xr.open_datatree(report.parent / "draws.nc", engine="h5netcdf").load()
@@ -163,8 +165,9 @@ def test_a_result_of_tests_alone_is_a_whole_folder(analysed: Analysed, tmp_path:
 
 def test_the_posterior_of_plates_is_a_wheels_prior(analysed: Analysed, tmp_path: Path) -> None:
     """A wheel study that names the folder has the moduli's laws and their correlation."""
-    result = analysed("plates")
-    result.save(tmp_path / "plates")
+    result = analysed("plates of one memory")
+    with plain_pages():
+        result.save(tmp_path / "plates")
     take = {"kc": "kc", "kphi": "kphi", "n0": "n"}
     study = Study(
         pd.DataFrame({"slip": [0.1, 0.3], "load [N]": 80.0, "drawbar_pull [N]": [14.0, 22.0]}),
@@ -191,7 +194,9 @@ def test_the_command_writes_a_folder_and_prints_the_finding(
     monkeypatch.chdir(tmp_path)
     plate_table(tests=3).to_csv(tmp_path / "plates.csv", index=False)
     moduli = 'kc = { dist = "uniform", lower = "-20 kPa m", upper = "20 kPa m" }\nkphi = "900 kPa"\n'
-    text = f'test = "plate"\n[data]\nfile = "plates.csv"\n[priors]\n{moduli}n = 1.1\n[sampling]\ntarget_ess = 400\n'
+    text = f'test = "plate"\n[data]\nfile = "plates.csv"\n[priors]\n{moduli}n = 1.1\n'
+    noise = '[noise]\nmemory = 2.0\nseating = "0.1 mm"\nsinkage_offset = "0 mm"\n'
+    text = f'{text}{noise}[sampling]\ntarget_ess = 400\n'
     (tmp_path / "plates.toml").write_text(text, encoding="utf-8")
     with little_adaptation(HALF), little_leaving_out():
         assert main(["soiltest", "plates.toml", "--quiet"]) == 0

@@ -18,3 +18,11 @@ def plain_pages() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayesterra.analysis.page.run_page", lambda result: page)
         yield
+
+
+@contextmanager
+def undrawn() -> Iterator[None]:
+    """Pages have empty pictures: their figures are made, and no mark of them is set."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayesterra.report.figures.svg", lambda drawn: b'<svg xmlns="http://www.w3.org/2000/svg"/>')
+        yield
