@@ -8,7 +8,7 @@ import pytest
 
 from bayesterra.analysis.group_checks import fit_of_groups, judged, prediction_of_levels
 from bayesterra.checking.levels import places, ways
-from bayesterra.checking.loo import without_levels
+from bayesterra.checking.loo import Without, without_levels
 from bayesterra.likelihood.joint import JointPosterior, joint_posterior
 from bayesterra.pooling.run import PooledResult, run_pooled
 from bayesterra.sampling.joint import PoolingOptions
@@ -73,23 +73,25 @@ def test_levels_that_no_draws_reach_are_named(
 ) -> None:
     """Where all weights fail nothing is claimed; where some do, the others are counted."""
     study, joint, draws = posterior
-    monkeypatch.setattr("bayesterra.analysis.group_checks.without_levels", reached(lambda level: False))
+    draws, kept = draws[:1000], dict[tuple[int, ...], Without]()
+    monkeypatch.setattr("bayesterra.analysis.group_checks.without_levels", reached(lambda level: False, kept))
     none = prediction_of_levels(study, joint, draws, ways(study), np.random.SeedSequence(1))
     assert (none.word, none.grade) == ("not tested", "note")
     assert "slip 0.100" in str(none.sentence)
     assert str(none.sentence).endswith("`bayesterra holdout` makes each fit anew.")
-    monkeypatch.setattr("bayesterra.analysis.group_checks.without_levels", reached(lambda level: level != (0, 3)))
+    monkeypatch.setattr("bayesterra.analysis.group_checks.without_levels", reached(lambda level: level != (0, 3), kept))
     some = prediction_of_levels(study, joint, draws, ways(study), np.random.SeedSequence(1))
     assert "of 4 pulls" in str(some.sentence)
     assert "Not tested: slip 0.100: the posterior without it is quite another one" in str(some.sentence)
 
 
-def reached(reliable: Callable[[tuple[int, ...]], bool]) -> Callable[..., object]:
-    """Levels left out, of which some are said to be reliable."""
+def reached(reliable: Callable[[tuple[int, ...]], bool], kept: dict[tuple[int, ...], Without]) -> Callable[..., object]:
+    """Levels left out, of which some are said to be reliable; found once, and ``kept``."""
 
     def without(*given: object) -> object:
-        found = without_levels(*given)  # type: ignore[arg-type]
-        return {level: replace(each, reliable=reliable(level)) for level, each in found.items()}
+        if not kept:
+            kept.update(without_levels(*given))  # type: ignore[arg-type]
+        return {level: replace(each, reliable=reliable(level)) for level, each in kept.items()}
 
     return without
 

@@ -196,7 +196,7 @@ def test_the_command_writes_a_folder_and_prints_the_finding(
     moduli = 'kc = { dist = "uniform", lower = "-20 kPa m", upper = "20 kPa m" }\nkphi = "900 kPa"\n'
     text = f'test = "plate"\n[data]\nfile = "plates.csv"\n[priors]\n{moduli}n = 1.1\n'
     noise = '[noise]\nmemory = 2.0\nseating = "0.1 mm"\nsinkage_offset = "0 mm"\n'
-    text = f'{text}{noise}[sampling]\ntarget_ess = 400\n'
+    text = f"{text}{noise}[sampling]\ntarget_ess = 400\n"
     (tmp_path / "plates.toml").write_text(text, encoding="utf-8")
     with little_adaptation(HALF), little_leaving_out():
         assert main(["soiltest", "plates.toml", "--quiet"]) == 0

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from bayesterra.__main__ import main
+from tests.support.pages import undrawn
 
 Captured = pytest.CaptureFixture[str]
 
@@ -31,7 +32,8 @@ def test_compare_writes_and_prints(
 ) -> None:
     """The page goes to a new folder in the working directory and is named at the end."""
     monkeypatch.chdir(tmp_path)
-    assert main(["compare", str(saved / "wide-result"), str(saved / "narrow-result")]) == 0
+    with undrawn():
+        assert main(["compare", str(saved / "wide-result"), str(saved / "narrow-result")]) == 0
     assert "Page: comparison/comparison.html" in capsys.readouterr().out
     assert (tmp_path / "comparison" / "evidence.csv").is_file()
 

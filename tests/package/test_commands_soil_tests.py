@@ -16,6 +16,7 @@ from bayesterra.stats.mixture import systematic
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study
 from tests.support.adaptation import HALF, little_adaptation, little_leaving_out
+from tests.support.pages import plain_pages
 from tests.support.shared import Shared
 from tests.support.soil_tests import KNOWN, SOIL, both, plates, wheel_table
 
@@ -44,7 +45,8 @@ def results(shared: Shared, tmp_path_factory: pytest.TempPathFactory) -> Callabl
             write_study(KINDS[kind](), folders[kind] / "study")
             wheel_table().to_csv(folders[kind] / "rows.csv", index=False)
         if "R" in command.split() and not (folders[kind] / "result").exists():
-            shared(f"commands, {kind}", lambda: run(kind)).save(folders[kind] / "result")
+            with plain_pages():
+                shared(f"commands, {kind}", lambda: run(kind)).save(folders[kind] / "result")
         return folders[kind]
 
     return folder

@@ -114,19 +114,18 @@ def test_half_a_log_does_not_stay(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize("sign", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_during_imports_ends_the_process(sign: signal.Signals, tmp_path: Path) -> None:
     """A module that swallows what is raised as it is imported does not keep the process alive."""
-    (tmp_path / "swallowing.py").write_text(
+    (tmp_path / "page.py").write_text(
         "import sys, time\nprint('ready', flush=True)\n"
         "try:\n    time.sleep(60)\nexcept BaseException:\n    pass\nprint('swallowed', flush=True)\n"
     )
     program = (
-        "import signal, sys, bayesterra.study.study, bayesterra.__main__ as line\n"
+        "import signal, sys, bayesterra.likelihood, bayesterra.__main__ as line\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # ignored in jobs in the background
-        "def load(path):\n    import swallowing\n"
-        f"bayesterra.study.study.load_study = load\nsys.exit(line.main(['check', {str(STUDY)!r}]))\n"
+        f"bayesterra.likelihood.__path__.insert(0, {str(tmp_path)!r})\n"  # the command imports its page from there
+        f"sys.exit(line.main(['check', {str(STUDY)!r}]))\n"
     )
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *filter(None, sys.path)])}
     command = [sys.executable, "-c", program]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as process:
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == b"ready\n"
         process.send_signal(sign)

@@ -18,6 +18,7 @@ from bayesterra.sampling import evidence, summary
 from bayesterra.stats.mixture import pareto_smoothed
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_study
+from tests.support.pages import plain_pages
 
 pytestmark = pytest.mark.usefixtures("little_adaptation")
 
@@ -94,7 +95,8 @@ def test_a_damaged_record_is_still_noticed(broken: tuple[Result, Path], tmp_path
     """An entry may be missing only where its own failure says why."""
     result, _ = broken
     kept = {part: one for part, one in result.record["failures"].items() if part != "loo"}
-    replace(result, record={**result.record, "failures": kept}).save(tmp_path / "out")
+    with plain_pages():
+        replace(result, record={**result.record, "failures": kept}).save(tmp_path / "out")
     with pytest.raises(ResultError, match=r"run\.json lacks 'loo'"):
         load_result(tmp_path / "out")
 
