@@ -57,7 +57,7 @@ def exact(law: Written, side: IntArray, cells: IntArray) -> float:
     turn = side[limits]
     beyond = multivariate_normal.logcdf(
         -turn * law.readings[limits], -turn * mean, turn[:, None] * covariance * turn,
-        maxpts=4_000_000, abseps=1e-10, releps=1e-6,
+        maxpts=1_000_000, abseps=1e-10, releps=1e-4,
     )  # fmt: skip
     return level + float(beyond)
 

@@ -91,12 +91,13 @@ def test_gradient_and_information_are_those_of_differences(study: Study) -> None
 
 def test_information_is_the_covariance_of_the_gradient() -> None:
     """Of readings simulated from one parameter set, the scatter's share too."""
-    study = plates((0.03,), tests=1, readings=5)
-    whole = posterior(study)
+    whole = posterior(plates((0.03,), tests=1, readings=5))
     x = draw_cut_prior(whole, 1, default_rng(4)).x
     rng, gradients = default_rng(5), []
-    for stress in whole.experiments[0].draw(np.repeat(x, 2000, axis=0), rng):
-        drawn = posterior(study.with_stresses({"plate": stress}))
+    series = whole.experiments[0]
+    for stress in series.draw(np.repeat(x, 2000, axis=0), rng):
+        test = replace(series.test, readings=replace(series.readings, stress=stress))
+        drawn = replace(whole, experiments=(replace(series, test=test),))
         gradients.append(score_and_information(drawn, x)[0][0])
     expected = score_and_information(whole, x)[1][0]
     size = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))

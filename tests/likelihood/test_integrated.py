@@ -122,7 +122,7 @@ def test_the_density_of_the_soil_is_that_of_all_with_noise_integrated(tmp_path: 
     inner = of_soil(whole)
     assert inner.names == tuple(name for name in whole.names if not name.startswith("noise_"))
     soil = inner.cut_prior(3, default_rng(1))
-    points, weights = np.polynomial.legendre.leggauss(60)
+    points, weights = np.polynomial.legendre.leggauss(40)
     ends = np.log([whole.prior.laws[name].range for name in whole.names[-3:]])
     logs = ends.mean(axis=1) + 0.5 * np.ptp(ends, axis=1) * points[:, None]
     grid = np.stack(np.meshgrid(*logs.T, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -164,13 +164,13 @@ def test_what_cannot_be_integrated_is_sampled(tmp_path: Path, noise: dict[str, s
 def test_samples_hold_noise_that_follows_from_their_soil(tmp_path: Path) -> None:
     """Draws have a column for every parameter, each standard deviation from its law given the soil beside it."""
     whole = hit(tmp_path, **ESTIMATED)
-    options = SamplingOptions(target_ess=100, walkers=32, max_steps=100, ensembles=4)
-    plan = AdaptationOptions(particles=256, components=4, refinements=(2,), more=())
+    options = SamplingOptions(target_ess=100, walkers=32, max_steps=50, ensembles=4)
+    plan = AdaptationOptions(particles=128, components=2, sweeps=1, refinements=(1,), more=(), shores=1)
     samples, again = (sample(whole, options, SeedSequence(3), adaptation=plan) for _ in range(2))
     assert samples.names == whole.names
     assert samples.diagnosis.tau.shape == (11,)
     assert np.array_equal(samples.chains, again.chains)
-    x = samples.chains[:, ::10].reshape(-1, 11)
+    x = samples.chains[:, ::5].reshape(-1, 11)
     likelihood = of_soil(whole).likelihood
     assert isinstance(likelihood, IntegratedNoise)
     soil = whole.prior.soil_values(x)

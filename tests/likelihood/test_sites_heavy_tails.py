@@ -137,7 +137,7 @@ def test_scores_are_normal_as_far_out(slips: tuple[Study, Posterior]) -> None:
 def test_true_slips_are_drawn_as_the_readings_tell(slips: tuple[Study, Posterior]) -> None:
     """Mean and spread of what stands behind the readings."""
     study, density = slips
-    x, n = sets(density, 2)[:1], 20_000
+    x, n = sets(density, 2)[:1], 10_000
     exact, likelihood = Rows(study, density, x[0]), density.likelihood
     soil = np.repeat(density.prior.soil_values(x), n, axis=0)
     none = np.repeat(density.noise_values(x), n, axis=0)
