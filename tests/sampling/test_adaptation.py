@@ -11,7 +11,7 @@ from bayesterra.sampling.ensemble import Ensemble
 from bayesterra.stats.diagnostics import diagnose
 
 OPTIONS = AdaptationOptions(particles=512, components=6)
-MANY = AdaptationOptions(particles=256, components=12)  # enough to fit the mixture to its own draws
+MANY = AdaptationOptions(particles=256, components=12, shores=0)  # enough to fit the mixture to its own draws
 
 
 def normal_problem(d: int, sd: float, centre: float = 1.0) -> tuple[Densities, float]:
@@ -23,14 +23,14 @@ def normal_problem(d: int, sd: float, centre: float = 1.0) -> tuple[Densities, f
 
 
 FAR = 20.0
+WIDE = multivariate_normal(np.zeros(3), FAR**2 * np.eye(3))
+PEAKS = [multivariate_normal([side * FAR, 0.0, 0.0], 0.25 * np.eye(3)) for side in (-1, 1)]
 
 
 def two_modes(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A wide normal prior and two narrow likelihood peaks, 80 standard deviations apart, 3 to 1."""
-    prior = multivariate_normal(np.zeros(3), FAR**2 * np.eye(3)).logpdf(u)
-    left = multivariate_normal([-FAR, 0.0, 0.0], 0.25 * np.eye(3)).logpdf(u)
-    right = multivariate_normal([FAR, 0.0, 0.0], 0.25 * np.eye(3)).logpdf(u)
-    return prior, np.logaddexp(np.log(0.75) + left, np.log(0.25) + right)
+    left, right = (law.logpdf(u) for law in PEAKS)
+    return WIDE.logpdf(u), np.logaddexp(np.log(0.75) + left, np.log(0.25) + right)
 
 
 def wide_starts() -> list[FloatArray]:

@@ -19,7 +19,7 @@ from bayesterra.sampling.moves import JointState
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
-SHORT = SamplingOptions(target_ess=100_000, ensembles=4, walkers=32, max_steps=18)
+SHORT = SamplingOptions(target_ess=100_000, ensembles=4, walkers=32, max_steps=9)
 
 
 class StoppedError(Exception):
@@ -60,11 +60,11 @@ def joint(make: Callable[..., Study]) -> JointPosterior:
 def short_rounds() -> object:
     """Small laws, and rounds of some sweeps, with laws fitted anew after the second."""
     patch = pytest.MonkeyPatch()
-    patch.setattr(joint_sampling, "ROUND_SWEEPS", 6)
-    patch.setattr(joint_sampling, "PATIENCE", 12)
-    patch.setattr(joint_sampling, "LONE_STEPS", 20)
-    patch.setattr(joint_sampling, "FITTED", 512)
-    patch.setattr(joint_sampling, "STARTS", 256)
+    patch.setattr(joint_sampling, "ROUND_SWEEPS", 3)
+    patch.setattr(joint_sampling, "PATIENCE", 6)
+    patch.setattr(joint_sampling, "LONE_STEPS", 10)
+    patch.setattr(joint_sampling, "FITTED", 256)
+    patch.setattr(joint_sampling, "STARTS", 128)
     patch.setattr(joint_sampling, "FEWEST", 2)
     patch.setattr(joint_sampling, "MOST", 2)
     yield
@@ -74,7 +74,7 @@ def short_rounds() -> object:
 def run(joint: JointPosterior, small: PoolingOptions, checkpoint_store: CheckpointStore | None = None) -> JointSamples:
     """A run that takes all its steps."""
     return sample_joint(
-        joint, SHORT, SeedSequence(4), plan=replace(small, warm_ups=(6,)), checkpoint_store=checkpoint_store
+        joint, SHORT, SeedSequence(4), plan=replace(small, warm_ups=(3,)), checkpoint_store=checkpoint_store
     )
 
 
@@ -98,7 +98,7 @@ def same(one: JointSamples, other: JointSamples) -> None:
 def test_notes_change_nothing(joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]) -> None:
     """Nor does reading them all."""
     found, notes = whole
-    assert found.chains.shape[1] == 18
+    assert found.chains.shape[1] == 9
     rounds = [name for name in notes.segments if name.startswith("joint-1-round-")]
     assert len(rounds) == 5  # of which two were forgotten when the laws were fitted anew
     same(run(joint, small), found)

@@ -15,7 +15,7 @@ from bayesterra.likelihood.posterior import Posterior, posterior
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.ensemble import Ensemble, Segment
-from bayesterra.sampling.sampler import ROUND_STEPS, Progress, Samples, sample
+from bayesterra.sampling.sampler import Progress, Samples, sample
 from bayesterra.stats.diagnostics import effective_size
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture, fit_mixture
@@ -25,13 +25,16 @@ from bayesterra.study.study import Study
 
 MakeStudy = Callable[..., Study]
 
-SMALL = SamplingOptions(target_ess=200, walkers=32, max_steps=200)
+SMALL = SamplingOptions(target_ess=200, walkers=32, max_steps=60)
 PLAN = AdaptationOptions(particles=256, components=4, refinements=(2, 4), more=(), shores=4)
+QUICK = AdaptationOptions(particles=128, components=3, sweeps=2, refinements=(2,), more=(), shores=2)
 
 
-def sampled(density: Posterior, seed: int, options: SamplingOptions = SMALL) -> Samples:
+def sampled(
+    density: Posterior, seed: int, options: SamplingOptions = SMALL, plan: AdaptationOptions = QUICK
+) -> Samples:
     """A short run."""
-    return sample(density, options, SeedSequence(seed), adaptation=PLAN)
+    return sample(density, options, SeedSequence(seed), adaptation=plan)
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +47,13 @@ def density(make_study: MakeStudy) -> Posterior:
 def samples(density: Posterior) -> Samples:
     """One short run with seed 7."""
     return sampled(density, 7)
+
+
+@pytest.fixture
+def short_rounds(monkeypatch: pytest.MonkeyPatch) -> int:
+    """Rounds of so many steps."""
+    monkeypatch.setattr(sampler, "ROUND_STEPS", 50)
+    return 50
 
 
 def test_draws_do_not_depend_on_the_number_of_cores(
@@ -105,7 +115,7 @@ def test_draws_agree_with_importance_sampling_from_the_prior(
     """Means, variances and evidence are those of weighted prior draws within 4 Monte Carlo errors."""
     noise = {**noise, "normal_force": 30.0}
     density = posterior(make_study(free=free, noise=noise, drive=drive))
-    samples = sampled(density, 3, SamplingOptions(target_ess=4000, walkers=64, max_steps=2000))
+    samples = sampled(density, 3, SamplingOptions(target_ess=4000, walkers=64, max_steps=2000), PLAN)
     assert samples.diagnosis.converged
     x, weights = weighted_prior(density, 150_000)
     centre = weights @ x
@@ -121,46 +131,46 @@ def test_draws_agree_with_importance_sampling_from_the_prior(
     assert evidence == pytest.approx(np.log(mean) + likelihood.max(), abs=4 * spread / mean / np.sqrt(len(x)) + 0.05)
 
 
-def test_a_run_out_of_steps_says_so(density: Posterior) -> None:
+def test_a_run_out_of_steps_says_so(density: Posterior, short_rounds: int) -> None:
     """At the last step without the draws asked for, the verdict is no and names the check that failed."""
-    options = SamplingOptions(target_ess=1_000_000, walkers=32, max_steps=ROUND_STEPS + 30)
+    options = SamplingOptions(target_ess=1_000_000, walkers=32, max_steps=short_rounds + 30)
     samples = sampled(density, 1, options)
-    assert samples.diagnosis.steps == ROUND_STEPS + 30
+    assert samples.diagnosis.steps == short_rounds + 30
     assert not samples.diagnosis.converged
     failed = [check for check in samples.diagnosis.checks if not check.passed]
     assert failed[0].name == "effective draws"
     assert "run longer" in failed[0].advice
 
 
-def test_sampling_stops_when_the_draws_are_there(density: Posterior) -> None:
+def test_sampling_stops_when_the_draws_are_there(density: Posterior, short_rounds: int) -> None:
     """A modest demand is met in whole rounds, long before the last step; more draws extend the same chain."""
-    samples = sampled(density, 1, SamplingOptions(target_ess=500, walkers=32, max_steps=5000))
+    samples = sampled(density, 1, SamplingOptions(target_ess=500, walkers=32, max_steps=5000), PLAN)
     assert samples.diagnosis.converged
-    assert samples.diagnosis.steps % ROUND_STEPS == 0
-    longer = sampled(density, 1, SamplingOptions(target_ess=15_000, walkers=32, max_steps=5000))
+    assert samples.diagnosis.steps % short_rounds == 0
+    longer = sampled(density, 1, SamplingOptions(target_ess=8000, walkers=32, max_steps=5000), PLAN)
     assert longer.diagnosis.steps > samples.diagnosis.steps
     np.testing.assert_array_equal(longer.chains[:, : samples.diagnosis.steps], samples.chains)
 
 
 def test_long_runs_are_diagnosed_less_often(density: Posterior, monkeypatch: pytest.MonkeyPatch) -> None:
     """Every round at first, then every second, every third; and always the last."""
-    monkeypatch.setattr(sampler, "ROUND_STEPS", 10)
+    monkeypatch.setattr(sampler, "ROUND_STEPS", 5)
     monkeypatch.setattr(sampler, "DENSE_ROUNDS", 4)
     seen: list[int] = []
 
     def watch(progress: Progress) -> None:
         if progress.stage == "sampling" and progress.diagnosis is not None:
-            seen.append(progress.diagnosis.steps // 10)
+            seen.append(progress.diagnosis.steps // 5)
 
-    options = SamplingOptions(target_ess=1_000_000, walkers=32, max_steps=170)
-    sample(density, options, SeedSequence(1), watch, PLAN)
+    options = SamplingOptions(target_ess=1_000_000, walkers=32, max_steps=85)
+    sample(density, options, SeedSequence(1), watch, QUICK)
     assert seen == [1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 15, 16, 17]
 
 
 def test_progress_is_reported_stage_by_stage(density: Posterior) -> None:
     """Adaptation first, step by step, then one report per round with its diagnosis; the last is complete."""
     reports: list[Progress] = []
-    sample(density, SMALL, SeedSequence(1), reports.append, PLAN)
+    sample(density, SMALL, SeedSequence(1), reports.append, QUICK)
     assert [stage for stage, _ in groupby(r.stage for r in reports)] == ["adapting", "sampling"]
     rounds = [r for r in reports if r.stage == "sampling"]
     assert reports[-1].done == 1.0
