@@ -42,6 +42,8 @@ from bayesterra.study.study import Study, soil_test_study
 from tests.support.adaptation import little_leaving_out
 from tests.support.two_wheels import few_walkers
 
+from . import targets
+
 TITLE = "<script>document.title='ran'</script>\"><img src=x onerror=document.title='ran'>{{7*7}}{% raw %}"
 NAME = "\"><svg onload=x>' $\\frac{a}$ {{7*7}} <b>"
 LINK = "javascript:document.title='ran' $x_$ & <a href=\"javascript:x\">"
@@ -142,7 +144,7 @@ def _drawn_once() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def hostile(small_result: Result) -> Result:
-    """The small result, of a study whose texts are hostile."""
+    """Few draws of the small result, of a study whose texts are hostile."""
     study = small_result.study
     rows, (wheel,) = study.observations, study.wheels.values()
     named = study.with_rows(replace(rows, wheel=(NAME,) * len(rows), notes=(LINK,)))
@@ -150,7 +152,7 @@ def hostile(small_result: Result) -> Result:
     texts = {"title": TITLE, "soil": LINK, "source": LINK, "date": NAME, "published": known}
     for key, value in {**texts, "wheels": {NAME: wheel}, "notes": (LINK,)}.items():
         object.__setattr__(named, key, value)
-    draws = small_result.draws.copy()
+    draws = targets.thinned(small_result.draws, keep=60)
     draws["curves"] = draws["curves"].to_dataset().assign_coords(wheel=[NAME])
     spoilt = {"title": TITLE, "source": LINK, "made": LINK, "machine": NAME, "notes": [LINK], "refused_fits": [LINK]}
     record = {**small_result.record, **spoilt, "versions": {"bayesterra": NAME, LINK: TITLE}}
