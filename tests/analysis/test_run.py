@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from bayesterra.stats.diagnostics import Diagnosis
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 from tests.support.pages import plain_pages
+from tests.support.thinned import thinned
 
 FILES = {
     "report.html", "draws.nc", "summary.csv", "least_squares.csv", "identifiability.csv", "predictive.csv",
@@ -29,6 +31,12 @@ def diagnosis(ess: float, r_hat: float) -> Diagnosis:
     """A diagnosis of one parameter."""
     one = np.ones(1)
     return Diagnosis(("phi",), ess * one, ess * one, r_hat * one, 5 * one, 0.5, 200, ())
+
+
+@pytest.fixture(scope="module")
+def small_result(small_result: Result) -> Result:
+    """Few draws of the small result: they are written and read by almost every test."""
+    return replace(small_result, draws=thinned(small_result.draws))
 
 
 @pytest.fixture

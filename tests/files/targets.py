@@ -19,7 +19,6 @@ from hashlib import sha256
 from pathlib import Path
 from unittest.mock import patch
 
-import numpy as np
 import xarray as xr
 
 from bayesterra.analysis import result as run_results
@@ -45,6 +44,7 @@ from bayesterra.study.priors import Source
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study, load_soil_test, load_study
 from bayesterra.study.wheels import read_wheel
+from tests.support.thinned import thinned
 
 SEEDS = Path(__file__).parent / "seeds"
 BREAK = b"\n#-----\n"
@@ -312,18 +312,6 @@ def set_base(small: Result, where: Path | None = None) -> Base:
         replace(small, draws=thinned(small.draws)).write(where)
     _BASE[:] = [Base(small.study, where, read_tree(where / "draws.nc"))]
     return _BASE[0]
-
-
-def thinned(draws: xr.DataTree, keep: int = 120) -> xr.DataTree:
-    """The same groups with ``keep`` draws of every chain."""
-    groups = {}
-    for name, node in draws.children.items():
-        group = node.to_dataset()
-        if "draw" in group.sizes:
-            chosen = np.linspace(0, group.sizes["draw"] - 1, keep).astype(int)
-            group = group.isel(draw=chosen)
-        groups[f"/{name}"] = group
-    return xr.DataTree.from_dict(groups)
 
 
 def seeds(target: str) -> list[Path]:

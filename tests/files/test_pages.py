@@ -40,9 +40,8 @@ from bayesterra.study.result import Result
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study, soil_test_study
 from tests.support.adaptation import little_leaving_out
+from tests.support.thinned import thinned
 from tests.support.two_wheels import few_walkers
-
-from . import targets
 
 TITLE = "<script>document.title='ran'</script>\"><img src=x onerror=document.title='ran'>{{7*7}}{% raw %}"
 NAME = "\"><svg onload=x>' $\\frac{a}$ {{7*7}} <b>"
@@ -152,7 +151,7 @@ def hostile(small_result: Result) -> Result:
     texts = {"title": TITLE, "soil": LINK, "source": LINK, "date": NAME, "published": known}
     for key, value in {**texts, "wheels": {NAME: wheel}, "notes": (LINK,)}.items():
         object.__setattr__(named, key, value)
-    draws = targets.thinned(small_result.draws, keep=60)
+    draws = thinned(small_result.draws, keep=60)
     draws["curves"] = draws["curves"].to_dataset().assign_coords(wheel=[NAME])
     spoilt = {"title": TITLE, "source": LINK, "made": LINK, "machine": NAME, "notes": [LINK], "refused_fits": [LINK]}
     record = {**small_result.record, **spoilt, "versions": {"bayesterra": NAME, LINK: TITLE}}
