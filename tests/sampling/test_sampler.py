@@ -147,7 +147,7 @@ def test_sampling_stops_when_the_draws_are_there(density: Posterior, short_round
     samples = sampled(density, 1, SamplingOptions(target_ess=500, walkers=32, max_steps=5000), PLAN)
     assert samples.diagnosis.converged
     assert samples.diagnosis.steps % short_rounds == 0
-    longer = sampled(density, 1, SamplingOptions(target_ess=8000, walkers=32, max_steps=5000), PLAN)
+    longer = sampled(density, 1, SamplingOptions(target_ess=15_000, walkers=32, max_steps=5000), PLAN)
     assert longer.diagnosis.steps > samples.diagnosis.steps
     np.testing.assert_array_equal(longer.chains[:, : samples.diagnosis.steps], samples.chains)
 
