@@ -1,6 +1,7 @@
 """The command design: folders, what is printed, what is refused."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,8 @@ from bayesterra.design.choosing import Design
 from bayesterra.design.recommendation import recommend
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
+from tests.support.pages import plain_pages
+from tests.support.thinned import thinned
 
 pytestmark = pytest.mark.usefixtures("little_adaptation")
 
@@ -21,9 +24,10 @@ HIT = Path(__file__).parents[2] / "studies" / "hit-wh32"
 
 @pytest.fixture(scope="module")
 def saved(small_result: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A result folder."""
+    """A result folder of few draws, whose page is one line."""
     folder = tmp_path_factory.mktemp("design") / "hit-result"
-    small_result.save(folder)
+    with plain_pages():
+        replace(small_result, draws=thinned(small_result.draws)).save(folder)
     return folder
 
 

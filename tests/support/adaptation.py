@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from bayesterra.checking import loo
 from bayesterra.checking import soil_tests as checks
 from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
@@ -38,4 +39,13 @@ def little_leaving_out() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(checks, "ANEW", SamplingOptions(target_ess=100, walkers=32, max_steps=200))
         patch.setattr(checks, "OF_SOIL_TESTS", replace(LITTLE, sweeps=4))
+        yield
+
+
+@contextmanager
+def rows_left_out_by_few() -> Iterator[None]:
+    """Rows are left out by few weighted draws, enough for runs whose subject is another."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(loo, "START_DRAWS", 256)
+        patch.setattr(loo, "FINAL_DRAWS", (1024, 2048))
         yield
