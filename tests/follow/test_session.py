@@ -26,6 +26,12 @@ Captured = pytest.CaptureFixture[str]
 QUICK = ["--particles", "150"]
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Streams without figures, for tests that are not about them."""
+    monkeypatch.setattr(FollowedStream, "figures", lambda following: {})
+
+
 @pytest.fixture(scope="module")
 def folder(script: ModuleType, plan: bt.Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study whose file of measurements is missing, as before a drive, and rows of a soil that changes."""
@@ -63,6 +69,7 @@ def test_follow_prints_a_line_per_row_and_begins_anew_after_an_alarm(
     assert "add --overwrite" in capsys.readouterr().err
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_stream_goes_on_from_its_folder_and_from_standard_input(
     folder: Path, tmp_path: Path, capsys: Captured, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -109,6 +116,7 @@ def test_what_cannot_be_followed_is_said_in_one_line(
     assert not out.exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_learned_survives_a_broken_file(folder: Path, tmp_path: Path, capsys: Captured) -> None:
     """Rows up to the broken one are written; the error is said."""
     lines = (folder / "first.csv").read_text().splitlines()
@@ -168,11 +176,14 @@ def _interrupted_at(moment: int, work: Callable[[], object]) -> bool:
     return False
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_kill_as_the_state_begins_leaves_a_folder_to_go_on_in(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The folder of the particles is known as ours before a file is in it: the next stream may clear it."""
-    out, asked = tmp_path / "s", ["--data", str(folder / "first.csv"), *QUICK]
+    lines = (folder / "first.csv").read_text().splitlines()
+    (tmp_path / "rows.csv").write_text("\n".join(lines[:3]) + "\n")
+    out, asked = tmp_path / "s", ["--data", str(tmp_path / "rows.csv"), *QUICK]
 
     def killed(*_: object) -> None:
         raise KeyboardInterrupt
@@ -182,7 +193,7 @@ def test_a_kill_as_the_state_begins_leaves_a_folder_to_go_on_in(
         assert main(["follow", str(folder), "--out", str(out), *asked]) == 130
     assert (tmp_path / "s.part" / "state").is_dir()
     assert main(["follow", str(folder), "--out", str(out), *asked]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["s"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["rows.csv", "s"]
 
 
 def test_a_model_that_does_not_predict_is_said_to_be_wrong_first(plan: bt.Study, folder: Path) -> None:

@@ -15,7 +15,7 @@ from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.models import M1, Soil, Wheel
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
-from tests.support.adaptation import little_adaptation
+from tests.support.adaptation import little_adaptation, rows_left_out_by_few
 from tests.support.pages import plain_pages
 from tests.support.shared import Shared
 
@@ -91,7 +91,7 @@ def pair(shared: Shared) -> Result:
     """A short run on cohesion and friction angle."""
 
     def made() -> Result:
-        with little_adaptation():
+        with little_adaptation(), rows_left_out_by_few():
             return run(trial("c", "phi"), seed=1)
 
     return shared("pair", made)
