@@ -1,6 +1,6 @@
 """Small studies of every kind on one wheel, posteriors of theirs without a sampler, and one short run."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from bayesterra.models import M1, Soil, Wheel
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 from tests.support.adaptation import little_adaptation, rows_left_out_by_few
-from tests.support.pages import plain_pages
+from tests.support.pages import plain_pages, undrawn
 from tests.support.shared import Shared
 
 TRUTH = {"Ks": 2.5e6, "n0": 0.85, "n1": 1.06, "c": 1e3, "phi": 0.51, "K": 0.01, "c1": 0.34, "c2": -0.02}
@@ -78,6 +78,13 @@ def analysed(study: Study, *, seed: int = 1, converged: bool = True) -> Identifi
     found = analyse(target, x[:2000], draws, SeedSequence(seed))
     source = {"draws_from": "here", "draws": len(draws), "converged": converged}
     return Identified(study, found, _record(study, seed, found.seconds, source))
+
+
+@pytest.fixture
+def plain_pictures() -> Iterator[None]:
+    """Pages whose pictures are empty, where words are looked for."""
+    with undrawn():
+        yield
 
 
 @pytest.fixture(scope="session")

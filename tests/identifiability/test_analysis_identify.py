@@ -40,6 +40,7 @@ def shown(html: str) -> str:
     return re.sub(r"<[^>]+>", " ", re.sub(r"<style>.*?</style>|<svg.*?</svg>", "", html, flags=re.DOTALL))
 
 
+@pytest.mark.usefixtures("plain_pictures")
 @pytest.mark.parametrize("name", SENTENCES)
 def test_every_kind_of_study_has_its_sentence_and_page(name: str) -> None:
     """Ties, an offset, a free c3, unknown loads, one parameter, noise alone: words, no NaN on the page."""
@@ -50,6 +51,7 @@ def test_every_kind_of_study_has_its_sentence_and_page(name: str) -> None:
     assert set(made.tables()) == TABLES
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_one_wheel_width_hides_the_moduli(moduli: Identified) -> None:
     """Of k_c and k_φ under one width only a sum counts: verdicts, sentence, combinations and page say so."""
     words = moduli.verdicts.set_index("parameter")["verdict"]

@@ -118,6 +118,7 @@ def test_a_page_that_fails_leaves_no_folder(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_draws_that_did_not_converge_end_with_3(pair_folder: Path, tmp_path: Path, capsys: Captured) -> None:
     """The folder is written, and terminal and page warn."""
     poor = tmp_path / "poor-result"

@@ -24,6 +24,7 @@ from bayesterra.report.blocks import Table
 from bayesterra.report.sections import VerdictPage
 from bayesterra.report.verdicts import Failures
 from bayesterra.study.result import Result, identifiability_rows
+from tests.support.pages import undrawn
 
 from .conftest import VARIANTS
 from .test_analysis_identify import shown
@@ -34,7 +35,8 @@ VOID = {"meta", "img", "link", "br"}
 @pytest.fixture(scope="module")
 def page(moduli: Identified) -> VerdictPage:
     """What the page shows."""
-    return identifiability_page(moduli)
+    with undrawn():
+        return identifiability_page(moduli)
 
 
 def objecting(made: Identified, *against: str) -> VerdictPage:
@@ -62,6 +64,7 @@ def test_the_second_card_sorts_the_parameters(page: VerdictPage) -> None:
     assert "structurally not determined: <i>k</i><sub>c</sub> and" in card.sentence
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_objections_are_counted_in_english(moduli: Identified) -> None:
     """None, one, several; more than two are only named on the card, and all stand below the table."""
     assert objecting(moduli).verdicts[2].word == "agree"
@@ -74,6 +77,7 @@ def test_objections_are_counted_in_english(moduli: Identified) -> None:
     assert "<b><i>n</i><sub>0</sub></b> (determined): c." in str(three.sections[0])
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_points_of_a_profile_that_were_not_solved_are_counted(moduli: Identified) -> None:
     """Beside the trust, where there are any."""
     first, *others = moduli.found.profiles.found["likelihood"]
@@ -86,6 +90,7 @@ def test_points_of_a_profile_that_were_not_solved_are_counted(moduli: Identified
     assert [re.findall(r"\d+ %, (\d+) not solved", str(page.sections)) for page in pages] == [[], ["2"]]
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_draws_that_did_not_converge_are_warned_of(moduli: Identified, page: VerdictPage) -> None:
     """The page of converged draws warns of nothing."""
     assert page.warning == ""
@@ -93,6 +98,7 @@ def test_draws_that_did_not_converge_are_warned_of(moduli: Identified, page: Ver
     assert "not converge" in identifiability_page(poor).warning
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_names_of_a_study_are_escaped(moduli: Identified) -> None:
     """Markup in a title is shown, not obeyed."""
     study = copy.copy(moduli.study)
@@ -145,6 +151,7 @@ def test_the_page_is_one_well_formed_file(moduli: Identified, page: VerdictPage)
     assert moduli.page().html() == html
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_a_run_opens_with_the_same_sentence(pair: Result) -> None:
     """The card of a run's report counts the group's directions and names what its data leave open."""
     card = pair.verdicts[-1]
@@ -202,6 +209,7 @@ def test_coupled_with_one_or_with_several(pair: Result) -> None:
     assert "coupled with several" in found._repr_html_()
 
 
+@pytest.mark.usefixtures("plain_pictures")
 def test_folders_of_older_versions_still_report(pair: Result, pair_folder: Path) -> None:
     """Without the counts of groups and the columns of ties the old sentence stands, and nothing is NaN."""
     record = copy.deepcopy(pair.record)
