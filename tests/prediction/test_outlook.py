@@ -212,14 +212,14 @@ def test_greatest_slopes_and_tow_forces_have_rows_of_their_own(sheet: RoverOutlo
 
 def test_a_discrepancy_moves_with_the_rover(wide: Result, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pulls are the model's plus one curve of the wheel for each draw, at both axles."""
-    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 300)
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 150)
     noisy = Discrepancy("drawbar_pull", Size(sd=3.0), 0.3)
     study = wide.study.having(errors=ModelErrors({"drawbar_pull": noisy}))
     found = bt.predict_rover(replace(wide, study=study), file, slopes=["5 deg", "10 deg"])
     plain = bt.predict_rover(wide, file, slopes=["5 deg", "10 deg"])
     states, held = found.asked, (found.asked.outcome == Outcome.HELD).all(axis=1)
     assert held.mean() > 0.5
-    draws = spread(wide, 300)[0]
+    draws = spread(wide, 150)[0]
     ground = found.rover.on(study.prior.soil_values(draws), study.model)
     errors = []
     for i in (0, 1):
@@ -239,8 +239,9 @@ def test_a_discrepancy_moves_with_the_rover(wide: Result, file: Path, monkeypatc
     np.testing.assert_array_equal(again.asked.slip, states.slip)
 
 
-def test_probabilities_of_a_rover(wide: Result, file: Path) -> None:
+def test_probabilities_of_a_rover(wide: Result, file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of the greatest slope as the curve of climbing has it; of both axles on every slope."""
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 150)
     asked = ("slope > 10 deg", "sinkage < 12 mm", "sinkage > 9 mm")
     made = predict_rover(wide, file, slopes=("0 deg", "5 deg"), probabilities=asked)
     table = made.tables()["probabilities"]
