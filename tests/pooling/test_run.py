@@ -35,6 +35,9 @@ from bayesterra.study.canonical import write_study
 from bayesterra.study.groups import law_sd
 from bayesterra.study.model_errors import ModelErrors, Size, SlipError
 from bayesterra.study.study import Study
+from tests.support.adaptation import rows_left_out_by_few
+from tests.support.pages import unpainted
+from tests.support.thinned import thinned
 from tests.support.two_wheels import TABLE, few_walkers
 
 MakeStudy = Callable[..., Study]
@@ -43,8 +46,23 @@ MakeStudy = Callable[..., Study]
 @pytest.fixture(scope="module")
 def result(make: MakeStudy, small: PoolingOptions) -> PooledResult:
     """A small run."""
-    with few_walkers(sweeps=20):
+    with few_walkers(sweeps=10, draws=512, inner=16):
         return run_pooled(make(), seed=1, plan=small)
+
+
+@pytest.fixture(scope="module")
+def few(result: PooledResult) -> PooledResult:
+    """It with few of its draws, for commands that predict from each."""
+    return replace(result, draws=thinned(result.draws))
+
+
+@pytest.fixture(scope="module")
+def saved(few: PooledResult, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its folder, whose page has empty pictures."""
+    folder = tmp_path_factory.mktemp("pooled") / "both"
+    with unpainted():
+        few.save(folder)
+    return folder
 
 
 def test_tables_name_everything(result: PooledResult) -> None:
@@ -125,15 +143,14 @@ def test_folder_is_read_back(result: PooledResult, tmp_path: Path) -> None:
 
 
 def test_the_next_drive_is_that_of_a_group(
-    result: PooledResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    few: PooledResult, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Of one that was driven by name, else of one that was not: judged by its draws, and said so."""
-    found = bt.recommend(result, slips=[0.2, 0.4], group="Wh32")
-    alone = bt.recommend(result.of_group("Wh32"), slips=[0.2, 0.4])
+    found = bt.recommend(few, slips=[0.2, 0.4], group="Wh32")
+    alone = bt.recommend(few.of_group("Wh32"), slips=[0.2, 0.4])
     pd.testing.assert_frame_equal(found.table, alone.table)
     assert set(found.table["wheel"]) == {"Wh32"}
-    result.save(tmp_path / "out")
-    asked = ["design", str(tmp_path / "out"), "--slip", "0.2,0.4", "--quiet"]
+    asked = ["design", str(saved), "--slip", "0.2,0.4", "--quiet"]
     untested = tmp_path / "new.toml"
     untested.write_text('radius = "140 mm"\nwidth = "160 mm"\nlug_height = "5 mm"\nlug_count = 24\n', encoding="utf-8")
     for options, said in (
@@ -141,7 +158,8 @@ def test_the_next_drive_is_that_of_a_group(
         (["--wheel", "Wh32"], "parameters are those of Wh32 in the joint posterior of Wh11, Wh32"),
         (["--wheel", str(untested)], "this wheel was not tested: K drawn from the population of Wh11, Wh32"),
     ):
-        assert main([*asked, *options, "--out", str(tmp_path / "next"), "--overwrite"]) == 0
+        with unpainted():
+            assert main([*asked, *options, "--out", str(tmp_path / "next"), "--overwrite"]) == 0
         assert f"Note: {said}." in " ".join(capsys.readouterr().out.split())
         assert said in (tmp_path / "next" / "report.html").read_text(encoding="utf-8")
         assert said in (tmp_path / "next" / "design.json").read_text(encoding="utf-8")
@@ -152,13 +170,13 @@ def test_the_next_drive_is_that_of_a_group(
 
 
 def test_groups_are_compared_as_results(
-    result: PooledResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    few: PooledResult, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Each with its parameters, shared and own, and its predictions; also from one folder."""
-    found = bt.compare({"both": result})
+    found = bt.compare({"both": few})
     assert found.names == ("both: Wh11", "both: Wh32")
     rows = found.parameters.set_index(["result", "quantity"])
-    stated = result.summary.set_index("parameter")
+    stated = few.summary.set_index("parameter")
     for wheel in ("Wh11", "Wh32"):
         for name, whole in (("phi", "phi"), ("K", f"K[{wheel}]")):
             for column in ("mode", "median", "sd", "hdi90_hi", "prior_mean"):
@@ -166,9 +184,9 @@ def test_groups_are_compared_as_results(
                 assert got == pytest.approx(wanted, rel=1e-12)
     assert set(found.predictions["wheel"]) == {"Wh11", "Wh32"}
     assert found.evidences["log_evidence"].isna().all()
-    result.save(tmp_path / "both")
     out = tmp_path / "out"
-    assert main(["compare", str(tmp_path / "both"), "--out", str(out)]) == 0
+    with unpainted():
+        assert main(["compare", str(saved), "--out", str(out)]) == 0
     assert "both: Wh32" in capsys.readouterr().out
     page = (out / "comparison.html").read_text(encoding="utf-8")
     assert "both: Wh32" in page
@@ -193,16 +211,16 @@ def test_following_goes_on_from_a_joint_posterior(result: PooledResult) -> None:
 
 
 def test_a_joint_posterior_is_identified_by_its_draws(
-    result: PooledResult, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    result: PooledResult, saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """From its folder, by the names of its summary; draws and means are those of its tables."""
     assert result.names == tuple(result.summary["parameter"])
     means = result.summary.set_index("parameter")["mean"]
     for name, values in zip(result.names, result.values().T, strict=True):
         assert field_values(name, values).mean() == pytest.approx(means[name], rel=1e-9)
-    result.save(tmp_path / "two")
     out = tmp_path / "out"
-    assert main(["identify", str(tmp_path / "two"), "--workers", "1", "--quiet", "--out", str(out)]) == 0
+    with unpainted():
+        assert main(["identify", str(saved), "--workers", "1", "--quiet", "--out", str(out)]) == 0
     assert "K[Wh32]" in capsys.readouterr().out
     verdicts = pd.read_csv(out / "verdicts.csv").set_index("parameter")
     assert verdicts["contraction"]["K[Wh11]"] > 0.9
@@ -250,20 +268,20 @@ def test_a_run_stands_without_degrees_and_verdicts(
     assert page.count("degrees of pooling could not") == 3  # above all, in the verdict and in the section
 
 
-def test_pages_name_rows_where_the_first_order_of_slip_errors_is_doubtful(
-    result: PooledResult, make: MakeStudy
-) -> None:
+def test_pages_name_rows_where_the_first_order_of_slip_errors_is_doubtful(few: PooledResult, make: MakeStudy) -> None:
     """Each group its rows, those near a transition slip; before any reading too."""
     note = "Note: errors of slip (sd 0.02) are taken to first order, which is doubtful in row"
-    study = copy(result.study)
+    study = copy(few.study)
     object.__setattr__(study, "errors", ModelErrors(slip=SlipError(Size(sd=0.02))))
-    shown = replace(result, study=study).page().html()
+    with unpainted():
+        shown, plain = replace(few, study=study).page().html(), few.page().html()
+        before = run_prior(make(pooling=None, slip={"sd": 0.02})).page().html()
+        plain_before = run_prior(make(pooling=None)).page().html()
     assert f"{note} 3 within 2 sd of the transition slips" in shown
     assert f"{note} 6 within 2 sd of the transition slips" in shown
-    assert note not in result.page().html()
-    before = run_prior(make(pooling=None, slip={"sd": 0.02})).page().html()
+    assert note not in plain
     assert f"{note}s 3, 6 within 2 sd of the transition slips" in before
-    assert note not in run_prior(make(pooling=None)).page().html()
+    assert note not in plain_before
 
 
 def test_a_crosscheck_is_said_on_page_and_terminal(result: PooledResult) -> None:
@@ -278,7 +296,7 @@ def test_a_crosscheck_is_said_on_page_and_terminal(result: PooledResult) -> None
 
 
 def test_command_writes_the_folder_and_says_what_it_found(
-    result: PooledResult,
+    few: PooledResult,
     make: MakeStudy,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -286,19 +304,21 @@ def test_command_writes_the_folder_and_says_what_it_found(
 ) -> None:
     """As ``bayesterra run`` does it, from the study's file on; the sampling itself stands above."""
     write_study(make(), tmp_path)
-    monkeypatch.setattr(analysis_run, "run_pooled", lambda study, **how: result)
-    assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    monkeypatch.setattr(analysis_run, "run_pooled", lambda study, **how: few)
+    with unpainted(), rows_left_out_by_few():
+        assert main(["run", str(tmp_path), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert "Sampling: converged" in printed
     assert "A second solution that no ensemble found would not show." in printed
-    assert result.record["pooling"]["sentence"].split(":")[0] in printed
+    assert few.record["pooling"]["sentence"].split(":")[0] in printed
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"report.html", "draws.nc", "summary.csv", "sharing.csv", "pooling.csv", "left_out.csv"} <= names
     assert "status.json" not in names
     (tmp_path / "new.toml").write_text('radius = "140 mm"\nwidth = "160 mm"\n', encoding="utf-8")
     wheels = ["--wheel", "Wh32", "--wheel", str(tmp_path / "new.toml")]
     out = tmp_path / "forecast"
-    assert main(["predict", str(tmp_path / "out"), *wheels, "--slip", "0.3", "--out", str(out)]) == 0
+    with unpainted():
+        assert main(["predict", str(tmp_path / "out"), *wheels, "--slip", "0.3", "--out", str(out)]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert "parameters are those of Wh32 in the joint posterior of Wh11, Wh32" in printed
     assert "this wheel was not tested: K drawn from the population of Wh11, Wh32" in printed

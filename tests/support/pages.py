@@ -26,3 +26,11 @@ def undrawn() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("bayesterra.report.figures.svg", lambda drawn: b'<svg xmlns="http://www.w3.org/2000/svg"/>')
         yield
+
+
+@contextmanager
+def unpainted() -> Iterator[None]:
+    """Folders too have empty pictures: their figures are made, and no dot of them is set."""
+    with undrawn(), pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayesterra.report.figures.white_png", lambda drawn, dpi=200: b"\x89PNG")
+        yield
