@@ -12,6 +12,7 @@ from scipy.special import logsumexp, ndtr
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, cross_validate, difference
+from bayesterra.likelihood.forward import Outcomes
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import normalised, pareto_limit, pareto_smoothed, systematic
@@ -43,10 +44,10 @@ class Grid:
         """Of every row."""
         return np.array([logsumexp(self.without(i) + self.rows[:, i]) for i in range(self.rows.shape[1])])
 
-    def pit(self, i: int) -> FloatArray:
-        """Of every channel of row ``i``."""
+    def pit(self, i: int, outcomes: Outcomes) -> FloatArray:
+        """Of every channel of row ``i``; ``outcomes`` are those of the whole grid."""
         likelihood = self.density.likelihood
-        mean = likelihood.predicted(self.density.outcomes(self.x))[:, i]
+        mean = likelihood.predicted(outcomes)[:, i]
         scale = np.array([noise.sd for noise in likelihood.noise])
         return np.asarray(np.exp(self.without(i)) @ ndtr((likelihood.measured[i] - mean) / scale))
 
@@ -79,6 +80,13 @@ def grid(study: Study) -> Grid:
     return Grid(posterior(study))
 
 
+@pytest.fixture(scope="module")
+def weighted(study: Study) -> CrossValidation:
+    """Its rows left out, told that six rows are many: by weights where k̂ allows."""
+    density = posterior(study)
+    return cross_validate(density, draws_of(density), SeedSequence(1), {}, few_rows=2)[0]
+
+
 @pytest.mark.slow
 def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
     """With few rows every row is sampled anew, and its elpd is that of the grid within its small error."""
@@ -94,23 +102,20 @@ def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
     assert found.effective_parameters == pytest.approx(at_all.sum() - grid.elpd.sum(), abs=0.15)
 
 
-def test_weights_do_where_k_allows_and_only_there(study: Study, grid: Grid) -> None:
+def test_weights_do_where_k_allows_and_only_there(weighted: CrossValidation, grid: Grid) -> None:
     """Told that six rows are many, it samples anew where k̂ is high, at the outlier, and is right."""
-    density = posterior(study)
-    found = cross_validate(density, draws_of(density), SeedSequence(1), {}, few_rows=2)[0]
     limit = pareto_limit(4000)
-    assert [row.refitted for row in found.rows] == [not row.k <= limit for row in found.rows]
-    assert {row.refitted for row in found.rows} == {True, False}
-    np.testing.assert_allclose(found.by_row, grid.elpd, atol=0.12)
+    assert [row.refitted for row in weighted.rows] == [not row.k <= limit for row in weighted.rows]
+    assert {row.refitted for row in weighted.rows} == {True, False}
+    np.testing.assert_allclose(weighted.by_row, grid.elpd, atol=0.12)
 
 
-def test_pit_is_what_the_other_rows_predict(study: Study, grid: Grid) -> None:
+def test_pit_is_what_the_other_rows_predict(weighted: CrossValidation, grid: Grid) -> None:
     """PIT values of weighted and of newly sampled rows are those of the grid."""
-    density = posterior(study)
-    found = cross_validate(density, draws_of(density), SeedSequence(1), {}, few_rows=2)[0].pit
-    expected = np.array([grid.pit(i) for i in range(6)])
-    for c, name in enumerate(density.likelihood.channels):
-        np.testing.assert_allclose(found[name], expected[:, c], atol=0.03)
+    outcomes = grid.density.outcomes(grid.x)
+    expected = np.array([grid.pit(i, outcomes) for i in range(6)])
+    for c, name in enumerate(grid.density.likelihood.channels):
+        np.testing.assert_allclose(weighted.pit[name], expected[:, c], atol=0.03)
 
 
 def test_a_row_is_left_out_with_all_its_readings(make_study: MakeStudy, make_table: MakeTable) -> None:
