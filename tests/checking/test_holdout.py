@@ -21,6 +21,7 @@ from bayesterra.errors import ResultError, StudyError
 from bayesterra.likelihood.posterior import posterior
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study
+from tests.support.pages import undrawn, unpainted
 
 from .left_out import MakeStudy, make, on_grid
 
@@ -200,7 +201,8 @@ def test_a_failed_fit_is_named_and_costs_nothing_else(make_study: MakeStudy) -> 
     assert (refit["status"], refit["note"]) == ("failed", "FloatingPointError: no such luck")
     counts = one.table.groupby("predictor")["row"].nunique()
     assert (counts["M2"], counts["polynomial"]) == (5, 6)
-    page = one.page().html()
+    with undrawn():
+        page = one.page().html()
     assert "has <b>not converged</b> without slip 0.200" in page
 
 
@@ -226,7 +228,8 @@ def test_the_command(make_study: MakeStudy, tmp_path: Path, capsys: Captured, mo
     write_study(make_study(), tmp_path / "made")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("bayesterra.checking.holdout.refits", lambda study: on_grid)
-    assert main(["holdout", "made", "--by", "row", "--workers", "1", "--quiet"]) == 0
+    with unpainted():
+        assert main(["holdout", "made", "--by", "row", "--workers", "1", "--quiet"]) == 0
     printed = capsys.readouterr().out
     assert "6 levels left out, one at a time" in printed
     assert "polynomial" in printed
