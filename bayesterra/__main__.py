@@ -1,7 +1,5 @@
 """Start of the command line: exit codes, and errors as one line that begins with ``error:``."""
 
-from __future__ import annotations
-
 import gc
 import os
 import re

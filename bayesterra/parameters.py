@@ -9,6 +9,7 @@ import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -122,12 +123,17 @@ class Parameters(dict[str, Parameter]):
     """Parameters by name; those of groups and soil tests, ``K[Wh11]``, ``K.ring``, follow from their quantity."""
 
     def __missing__(self, name: str) -> Parameter:
-        base, part = whole_and_part(name)
-        if not part:
-            raise KeyError(name)
-        whose = {".mean": "population mean", ".spread": "spread between groups"}.get(part, part.strip(".[]"))
-        symbol, description = f"{self[base].symbol}{part}", f"{self[base].description}, {whose}"
-        return replace(self[base], name=name, symbol=symbol, description=description)
+        return _of_part(name)
+
+
+@cache
+def _of_part(name: str) -> Parameter:
+    base, part = whole_and_part(name)
+    if not part:
+        raise KeyError(name)
+    whole, whose = PARAMETERS[base], {".mean": "population mean", ".spread": "spread between groups"}
+    description = f"{whole.description}, {whose.get(part, part.strip('.[]'))}"
+    return replace(whole, name=name, symbol=f"{whole.symbol}{part}", description=description)
 
 
 _SOIL = quantities("soil", Parameter)

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from hashlib import sha256
 from itertools import chain
 from pathlib import Path
@@ -71,7 +72,7 @@ class Comparison(AnalysisResult):
         """Names of the results."""
         return tuple(self.results)
 
-    @property
+    @cached_property
     def parameters(self) -> pd.DataFrame:
         """One row per result and free parameter or derived quantity, field units.
 

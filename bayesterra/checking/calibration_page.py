@@ -1,7 +1,5 @@
 """Calibration as a page, a figure and a terminal table."""
 
-from __future__ import annotations
-
 from collections.abc import Hashable, Mapping
 from typing import Any
 
@@ -174,7 +172,7 @@ def _replications_section(calibration: Calibration) -> Blocks:
     return (say.table("replications", rows, ranks.DRAWS),)
 
 
-def _pair(values: pd.Series[float], extreme: str, digits: int = 3) -> str:
+def _pair(values: "pd.Series[float]", extreme: str, digits: int = 3) -> str:
     return f"{plain(float(getattr(values, extreme)()), digits)}, {plain(float(values.median()), digits)}"
 
 

@@ -7,8 +7,6 @@ itself in it, −½ E[Σ w²] for weights w, is taken out. Where a reading leave
 lower bounds come from a regression of the parameters on the readings (:func:`normal_estimate`).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -67,7 +65,7 @@ def jackknife(replicates: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt((len(left) - 1) * left.var(axis=0)))
 
 
-def estimate(densities: Pairs, interest: Interest) -> Estimate:
+def estimate(densities: "Pairs", interest: "Interest") -> Estimate:
     """Gains by mixtures over the draws, standard deviations by weighing them; NaN with too few answers."""
     kept = np.flatnonzero(densities.answered)
     if len(kept) < FEWEST:
@@ -85,12 +83,12 @@ def estimate(densities: Pairs, interest: Interest) -> Estimate:
     return Estimate(np.array(rows), float(densities.answered.mean()), effective)
 
 
-def _nothing(densities: Pairs, interest: Interest) -> Estimate:
+def _nothing(densities: "Pairs", interest: "Interest") -> Estimate:
     blank = np.full((1 + GROUPS, 2 + len(interest.columns)), np.nan)
     return Estimate(blank, float(densities.answered.mean()), np.nan)
 
 
-def _replicate(marginal: _Mixture, conditional: _Mixture | None, left_out: int) -> FloatArray:
+def _replicate(marginal: "_Mixture", conditional: "_Mixture | None", left_out: int) -> FloatArray:
     """Gain of interest, gain of all, standard deviations; without one group of draws."""
     gain = marginal.gain(left_out)
     about = gain - conditional.gain(left_out) if conditional else gain
@@ -108,7 +106,7 @@ class _Mixture:
     weights: FloatArray
 
     @classmethod
-    def of(cls, log: FloatArray, log_kernel: FloatArray, group: IntArray, features: FloatArray) -> _Mixture:
+    def of(cls, log: FloatArray, log_kernel: FloatArray, group: IntArray, features: FloatArray) -> "_Mixture":
         """From log densities (n, n) and log weights (n, n) or (1, 1), own weight 1; features (n, f)."""
         total = log + log_kernel
         own = np.diagonal(total).copy()
@@ -156,7 +154,7 @@ class _Mixture:
         return np.asarray(np.sqrt(np.maximum(variance, 0.0).mean(axis=0)))
 
 
-def normal_estimate(densities: Pairs, interest: Interest) -> Estimate:
+def normal_estimate(densities: "Pairs", interest: "Interest") -> Estimate:
     """Lower bounds of the gains, by regression of normal scores of the parameters on the readings.
 
     With R the covariance of what a regression of z on terms of y leaves, I(y; z) ≥ h(z) − ½ log det 2πe R
@@ -263,7 +261,7 @@ class Pairs:
     answered: BoolArray  # draws (n,) for which the model has an answer; the others have no part
     readings: FloatArray  # those readings (n, k)
 
-    def __add__(self, other: Pairs) -> Pairs:
+    def __add__(self, other: "Pairs") -> "Pairs":
         """Readings of both, which are independent given the parameters."""
         parts = self.conditional, other.conditional
         conditional = None if parts[0] is None or parts[1] is None else parts[0] + parts[1]

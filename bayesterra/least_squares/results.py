@@ -1,7 +1,5 @@
 """Point estimates: fits of least squares, their table, and how dense the posterior is where they stand."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -147,7 +145,7 @@ def print_fits(fits: Mapping[str, Fit], study: Study) -> None:
     show((*(_side_by_side(some, study) for some in solved if some), key), *sentences)
 
 
-def _side_by_side(fits: Mapping[str, Fit], study: Study) -> Table:
+def _side_by_side(fits: Mapping[str, Fit], study: Study) -> "Table":
     """Fits by one solver, with published or true values where there are any."""
     from bayesterra.report.blocks import Table
 

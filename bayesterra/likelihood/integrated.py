@@ -16,7 +16,6 @@ from functools import cached_property
 import numpy as np
 from numpy.random import Generator
 from scipy.interpolate import make_interp_spline
-from scipy.special import logsumexp
 
 from bayesterra.arrays import FloatArray, in_parts
 from bayesterra.likelihood.forward import Outcomes
@@ -80,7 +79,9 @@ class NoiseIntegral:
         half = 0.5 * np.exp(-2 * t)
 
         def part(sums: FloatArray) -> FloatArray:
-            return np.asarray(logsumexp(weights - sums[:, None] * half, axis=1))
+            terms = weights - sums[:, None] * half
+            most = terms.max(axis=1)
+            return np.asarray(np.log(np.exp(terms - most[:, None]).sum(axis=1)) + most)
 
         return in_parts(part, max(1, int(DOUBLES / len(t))), sums)
 

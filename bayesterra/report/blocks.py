@@ -1,7 +1,5 @@
 """Blocks of a page and of an overview: text, tables, pictures."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
@@ -68,7 +66,7 @@ class Picture:
     data: str  # as a ``data:`` address
     alt: str
     width: int  # at 1 × scale, CSS pixels
-    drawn: Drawn = field(repr=False, compare=False)  # what it shows, for other formats
+    drawn: "Drawn" = field(repr=False, compare=False)  # what it shows, for other formats
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,7 @@ Block: TypeAlias = Text | Table | Gallery
 Blocks: TypeAlias = tuple[Block, ...]
 
 
-def drawing(drawn: Drawn, alt: str) -> Picture:
+def drawing(drawn: "Drawn", alt: str) -> Picture:
     """A figure as SVG; what is of many marks may be a picture within it."""
     from bayesterra.report.figures import css_width, svg
 
@@ -97,7 +95,7 @@ def drawing(drawn: Drawn, alt: str) -> Picture:
 Record: TypeAlias = dict[str, Any]
 
 
-def records(table: pd.DataFrame) -> list[Record]:
+def records(table: "pd.DataFrame") -> list[Record]:
     """One dictionary per row, by column."""
     return [{str(name): value for name, value in row.items()} for row in table.to_dict("records")]
 

@@ -3,8 +3,6 @@
 And failures: what could not be computed from draws is recorded and said, and never costs the draws.
 """
 
-from __future__ import annotations
-
 import tomllib
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,7 +37,7 @@ class Failure:
     trace: tuple[str, ...]  # the calls that led there, outermost first: file, line and function
 
     @classmethod
-    def of(cls, part: str, error: Exception) -> Failure:
+    def of(cls, part: str, error: Exception) -> "Failure":
         """The failure that an exception stands for."""
         frames = traceback.extract_tb(error.__traceback__)[1:]
         # the last two parts of every path: a record holds no personal ones
@@ -154,7 +152,7 @@ class Verdict:
     name: str
     word: str
     grade: str
-    sentence: Cell
+    sentence: "Cell"
     claim: str = ""
     figures: Mapping[str, float] = field(default_factory=dict)
     thresholds: Mapping[str, float] = field(default_factory=dict)
@@ -170,7 +168,7 @@ class Verdict:
         return in_symbols(self.sentence)
 
     @property
-    def line(self) -> Text:
+    def line(self) -> "Text":
         """The verdict on a terminal; a bad one warns."""
         from bayesterra.report.blocks import Text
 

@@ -198,7 +198,7 @@ def observations(
     raw = Observations(
         wheel=_wheel_names(columns, len(table), tuple(wheels)), slip=required(columns, "slip"),
         load=columns["load"].si() if "load" in columns else np.full(len(table), np.nan),
-        values={name: columns[name].readings() for name in OUTCOMES if name in columns},
+        values={name: columns[name].readings for name in OUTCOMES if name in columns},
         limits={name: columns[name].limits() for name in OUTCOMES if name in columns and columns[name].marks},
         given_sd=_given_sd(columns, len(table)), use=used_rows(columns, len(table)),
         rows=tuple(range(1, len(table) + 1)),
@@ -233,7 +233,7 @@ class Column:
         """How the column was understood: its unit, and its readings as they were typed."""
         if self.name in ("wheel", "test", *LABELS):
             return Heading(self.header, self.name, "names", ", ".join(dict.fromkeys(map(str, self.cells))))
-        values = self.readings() / self.scale
+        values = self.readings / self.scale
         there = values[~np.isnan(values)]
         ends = f", {there.min():g} to {there.max():g}" if there.size else ""
         unit = WEIGHT if self.unit in MASSES else self.unit or "no unit"
@@ -249,6 +249,7 @@ class Column:
         texts = {i: cell.strip() for i, cell in enumerate(self.cells) if isinstance(cell, str)}
         return {i: text[0] for i, text in texts.items() if text[:1] in ("<", ">")}
 
+    @cached_property
     def readings(self) -> FloatArray:
         """The cells as SI numbers, limits where they begin with ``<`` or ``>``; NaN where empty."""
         bare = [cell.strip()[1:].strip() or cell if i in self.marks else cell for i, cell in enumerate(self.cells)]
@@ -258,10 +259,12 @@ class Column:
         """Limits (m, 2) of the readings, −inf and +inf where there is none."""
         ends = np.tile([-np.inf, np.inf], (len(self.cells), 1))
         for i, mark in self.marks.items():
-            ends[i, "<>".index(mark)] = self.readings()[i]
+            ends[i, "<>".index(mark)] = self.readings[i]
         return ends
 
     def _number(self, cell: Any, row: int) -> float:
+        if type(cell) is float and abs(cell) != np.inf:  # as are most cells of a log; NaN where empty
+            return cell
         if cell is None or cell is pd.NA or (isinstance(cell, str) and not cell.strip()):
             return float("nan")
         try:
