@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from types import ModuleType
 from typing import TYPE_CHECKING
+from zlib import crc32
 
 import pytest
 from scripts import STUDIES, loaded
@@ -52,6 +53,11 @@ def pytest_configure(config: pytest.Config) -> None:
     config.add_cleanup(Path(file.name).unlink)
 
 
+def slow(item: pytest.Item) -> bool:
+    """Whether a test is marked as slow."""
+    return item.get_closest_marker("slow") is not None
+
+
 DEAR = (
     "analysis/test_soil_tests_page", "pooling/test_run", "likelihood/test_likelihood_latent_load", "files/test_files",
     "likelihood/test_correlated_limits", "identifiability/test_profiles_of_wheels", "analysis/test_export",
@@ -61,9 +67,18 @@ DEAR = (
 """Files that take longest: they come first, so that no process is left with one of them at the end."""
 
 
+SHARE = "BAYESTERRA_SHARE"
+"""Variable that names a share of the slow tests, ``2/4`` for the second of four: others are left out."""
+
+
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Order of files, in which processes take them."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Order of files, in which processes take them; of slow tests the share that is asked for."""
+    if share := os.environ.get(SHARE):
+        number, shares = map(int, share.split("/"))
+        left = [item for item in items if slow(item) and crc32(item.nodeid.encode()) % shares != number - 1]
+        config.hook.pytest_deselected(items=left)
+        items[:] = [item for item in items if item not in left]
     items.sort(key=lambda item: not item.nodeid.startswith(tuple(f"tests/{name}.py" for name in DEAR)))
 
 
