@@ -21,6 +21,7 @@ from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior, whole
 from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import Study
+from tests.support.pages import unpainted
 from tests.support.two_wheels import TABLE, MakeStudy
 
 SENTENCE = "Refits are of the joint posterior; a wheel that is left out whole is predicted from the population."
@@ -130,7 +131,8 @@ def test_page_record_and_terminal_say_how_groups_were_treated(
     make: MakeStudy, by_wheel: Holdout, tmp_path: Path
 ) -> None:
     """In one sentence, which names the prior where values are separate; nothing of it without groups."""
-    page = by_wheel.save(tmp_path / "out").read_text(encoding="utf-8")
+    with unpainted():
+        page = by_wheel.save(tmp_path / "out").read_text(encoding="utf-8")
     assert SENTENCE in page
     assert "not in the fit: Wh32" in page
     assert json.loads((tmp_path / "out" / Holdout.MARK).read_text(encoding="utf-8"))["basis"] == SENTENCE
@@ -152,7 +154,8 @@ def test_the_command_takes_a_study_with_groups(
     (tmp_path / "pooled").mkdir()
     write_study(make(), tmp_path / "pooled")
     asked = ["holdout", str(tmp_path / "pooled"), "--by", "wheel", "--workers", "1", "--quiet"]
-    assert main([*asked, "--out", str(tmp_path / "out")]) == 0
+    with unpainted():
+        assert main([*asked, "--out", str(tmp_path / "out")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     assert SENTENCE in printed
     assert "not in the fit: Wh11" in (tmp_path / "out" / "refits.csv").read_text(encoding="utf-8")
