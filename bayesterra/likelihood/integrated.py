@@ -80,8 +80,9 @@ class NoiseIntegral:
 
         def part(sums: FloatArray) -> FloatArray:
             terms = weights - sums[:, None] * half
-            most = terms.max(axis=1)
-            return np.asarray(np.log(np.exp(terms - most[:, None]).sum(axis=1)) + most)
+            most = np.maximum(terms.max(axis=1), -1e300)  # finite, where residuals overflow
+            with np.errstate(divide="ignore"):
+                return np.asarray(np.log(np.exp(terms - most[:, None]).sum(axis=1)) + most)
 
         return in_parts(part, max(1, int(DOUBLES / len(t))), sums)
 

@@ -109,6 +109,14 @@ def test_draws_given_the_residuals_have_their_law(law: Law, count: int) -> None:
         assert np.abs(np.interp(placed, grid, mass / mass[-1]) - shares).max() < 2e-4
 
 
+@pytest.mark.parametrize("law", LAWS, ids=str)
+def test_residuals_without_measure_have_no_density(law: Law) -> None:
+    """Sums of squares that overflow have the log density −inf, and none of the others is touched."""
+    integral = tabulated(law, 5)
+    assert np.isneginf(integral(np.array([np.inf, 1.0]))).tolist() == [True, False]
+    assert np.isneginf(integral.exactly(np.array([np.inf])))
+
+
 def test_a_law_that_bends_within_its_range_is_sampled() -> None:
     """No panel ends at the bend of a triangular law, so that its table is not right to ten digits."""
     law = Law("triang", {"c": 0.37, "loc": 0.1, "scale": 2.0}, lower=0.2)
