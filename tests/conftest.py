@@ -11,7 +11,6 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 from types import ModuleType
 from typing import TYPE_CHECKING
-from zlib import crc32
 
 import pytest
 from scripts import STUDIES, loaded
@@ -21,6 +20,7 @@ from bayesterra.study.result import Result
 from bayesterra.study.study import load_study
 from tests.support.adaptation import HALF
 from tests.support.adaptation import little_adaptation as with_little_adaptation
+from tests.support.choice import within
 
 if TYPE_CHECKING:
     from tests.support.shared import Shared
@@ -75,8 +75,7 @@ SHARE = "BAYESTERRA_SHARE"
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Order of files, in which processes take them; of slow tests the share that is asked for."""
     if share := os.environ.get(SHARE):
-        number, shares = map(int, share.split("/"))
-        left = [item for item in items if slow(item) and crc32(item.nodeid.encode()) % shares != number - 1]
+        left = [item for item in items if slow(item) and not within(item.nodeid, share)]
         config.hook.pytest_deselected(items=left)
         items[:] = [item for item in items if item not in left]
     items.sort(key=lambda item: not item.nodeid.startswith(tuple(f"tests/{name}.py" for name in DEAR)))

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import bayesterra
+from tests.support.choice import within
 
 ROOT = Path(__file__).parents[2]
 _TOML = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -86,3 +87,13 @@ def test_the_workflow_runs_what_a_change_must_pass() -> None:
     workflow = (ROOT / ".github" / "workflows" / "ci.yml").read_text(encoding="utf-8")
     assert "run: .ci/run" in workflow
     assert all(re.search(r"@[0-9a-f]{40} ", line) for line in workflow.splitlines() if "uses:" in line)
+
+
+def test_shares_of_the_slow_tests_are_all_of_them() -> None:
+    """Each is in one share and no share is empty; a share that is none is refused."""
+    names = [f"tests/a.py::test_{number}" for number in range(200)]
+    found = [[name for name in names if within(name, f"{number}/4")] for number in range(1, 5)]
+    assert sorted(name for share in found for name in share) == sorted(names)
+    assert min(map(len, found)) > 30
+    with pytest.raises(ValueError, match=r"must be like 2/4 \(got 5/4\)"):
+        within("a", "5/4")
