@@ -175,10 +175,9 @@ class LocalPool(Engine):
         with self._lock:
             self._ended = cancel_futures or wait
         for executor in self._begun if self._ended else ():
-            processes = list((executor._processes or {}).values())
-            executor.shutdown(wait and not cancel_futures, cancel_futures=cancel_futures)
-            for process in processes if cancel_futures else ():
+            for process in list((executor._processes or {}).values()) if cancel_futures else ():
                 process.terminate()  # from Python 3.14 on: executor.terminate_workers()
+            executor.shutdown(cancel_futures=cancel_futures)  # its thread must not race with the interpreter's end
 
 
 def in_process() -> Engine:

@@ -4,8 +4,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -117,6 +119,18 @@ def test_what_waits_is_handed_over_together(tmp_path: Path) -> None:
             time.sleep(0.1)
     assert sum(sizes) == len(NUMBERS)
     assert max(sizes) > 1
+
+
+def test_a_pool_that_ends_at_once_leaves_no_thread(tmp_path: Path) -> None:
+    """A thread of an executor that ends beside the interpreter may write to what the interpreter has closed."""
+    task = Sums(tmp_path, seconds=60)
+    with suppress(ArithmeticError), local_pool(2) as engine:
+        for number in range(4):
+            engine.submit(task, number)
+        while len(task.runs) < 2:
+            time.sleep(0.02)
+        raise ArithmeticError
+    assert not [thread for thread in threading.enumerate() if "Manager" in type(thread).__name__]
 
 
 def test_what_cannot_be_handed_over_is_said(tmp_path: Path) -> None:
