@@ -1,6 +1,7 @@
 """ArviZ itself opens what is written; folders of the older layout are read."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from bayesterra.runtime.netcdf import write_tree
 from bayesterra.study.study import Study
 from tests.support.pages import undrawn
 
+with suppress(FileNotFoundError):  # two processes that note the day of ArviZ's warning at once disturb each other
+    import arviz  # noqa: F401
 az: Any = pytest.importorskip("arviz", minversion="0.23")
 OF_READINGS = "y" if az.__version__.startswith("0.") else "var_names"
 """Keyword by which the two generations of ArviZ take the name of a channel."""
