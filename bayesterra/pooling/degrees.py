@@ -131,7 +131,8 @@ def _some(chain: FloatArray, rng: Generator) -> FloatArray:
 
 def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator) -> FloatArray:
     """Log weights (n,) of shared values (n, k) with log densities ``log_law`` (n,), locals integrated out."""
-    total, repeated = family.log_prior(D) - log_law, np.repeat(D, INNER, axis=0)
+    S, prior = family.placed(D)
+    total, repeated = prior - log_law, np.repeat(S, INNER, axis=0)
     for g, law in enumerate(laws.locals):
         L, log_own = law.sample(D, INNER, rng)
         population, likelihood = family.terms(g, repeated, L)

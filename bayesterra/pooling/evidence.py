@@ -352,7 +352,7 @@ def weigh_joint(samples: JointSamples, rng: Generator, *, outer: int = OUTER, in
     everywhere = np.concatenate(D)
     levels = np.array([law.drivers.log_density(everywhere) for law in laws])
     shape = (len(laws), each)
-    prior = family.log_prior(everywhere).reshape(shape)
+    prior = family.placed(everywhere)[1].reshape(shape)
     base = prior - log_mean(levels, axis=0).reshape(shape)
     apart = prior - np.array([level.reshape(shape)[e] for e, level in enumerate(levels)])
     groups = np.empty((family.groups, *shape))

@@ -99,16 +99,16 @@ class JointFamily:
         """Coordinates of a group's physical locals (n, d)."""
         return self._own[group].from_physical(x)
 
-    def log_prior(self, D: FloatArray) -> FloatArray:
-        """See :class:`bayesterra.sampling.moves.Family`."""
+    def placed(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Physical shared values (n, k); see :class:`bayesterra.sampling.moves.Family`."""
         x, log_jacobian = self.shared_to_physical(D)
         finite = np.asarray(np.isfinite(x).all(axis=1) & np.isfinite(log_jacobian))
         level = self.joint.log_prior_of_shared(np.where(finite[:, None], x, 0.0))
-        return np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf)
+        return x, np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf)
 
-    def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
+    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> FloatArray:
         """See :class:`bayesterra.sampling.moves.Family`."""
-        return self._prior(self.shared_to_physical(D)[0], group, L)[0]
+        return self._prior(S, group, L)[0]
 
     def _prior(self, shared: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density given physical shared values, Jacobian included, and physical locals."""
@@ -117,27 +117,25 @@ class JointFamily:
         level = self.joint.log_prior_of_group(shared, np.where(finite[:, None], own, 0.0))
         return np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf), own
 
-    def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def terms(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`bayesterra.sampling.moves.Family`."""
-        shared, _ = self.shared_to_physical(D)
-        population, own = self._prior(shared, group, L)
-        likelihood = np.full(len(D), -np.inf)
+        population, own = self._prior(S, group, L)
+        likelihood = np.full(len(S), -np.inf)
         alive = np.flatnonzero(np.isfinite(population))
         if alive.size:
             name = self._names[group]
-            likelihood[alive] = self.joint.log_likelihood_of_group(name, shared[alive], own[alive])
+            likelihood[alive] = self.joint.log_likelihood_of_group(name, S[alive], own[alive])
         return population, likelihood
 
-    def rescaled(self, group: int, D: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rescaled(self, group: int, S: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See :class:`bayesterra.sampling.moves.Family`."""
         own, log_jacobian = self.group_to_physical(group, L)
-        before, after = self.shared_to_physical(D)[0], self.shared_to_physical(new)[0]
         inside = np.ones(len(L), dtype=bool)
         for i, name in enumerate(self.joint.hyper):
             at, column = len(self.joint.shared) + 2 * i, self.joint.local.index(name)
             with np.errstate(all="ignore"):  # a spread of nothing, or of 1e300, is turned away below
-                ratio = after[:, at + 1] / before[:, at + 1]
-                moved = after[:, at] + ratio * (own[:, column] - before[:, at])
+                ratio = new[:, at + 1] / S[:, at + 1]
+                moved = new[:, at] + ratio * (own[:, column] - S[:, at])
                 log_jacobian = log_jacobian + np.log(ratio)
             low, high = self.joint.laws[name].range
             inside &= (moved >= low) & (moved <= high) & np.isfinite(log_jacobian)

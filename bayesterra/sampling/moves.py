@@ -58,16 +58,16 @@ class Family(Protocol):
     def widths(self) -> FloatArray:
         """Standard deviations (d,) of locals before the data."""
 
-    def log_prior(self, D: FloatArray) -> FloatArray:
-        """Log density (n,) of shared values; −inf outside the support."""
+    def placed(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Shared values S (n, k) as the methods below take them, and log density (n,) of D; −inf outside."""
 
-    def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
+    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> FloatArray:
         """Log density (n,) of one group's locals (n, d) given shared values."""
 
-    def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def terms(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, and the group's log likelihood (n,); the latter −inf outside its support."""
 
-    def rescaled(self, group: int, D: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rescaled(self, group: int, S: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Locals at new shared values, (value − mean)/spread of each population as before; log |dL'/dL| (n,).
 
         NaN where a value would leave its range.
@@ -98,9 +98,10 @@ class Walkers:
     @classmethod
     def at(cls, family: Family, D: FloatArray, L: FloatArray) -> "Walkers":
         """Evaluate everything once."""
-        terms = [family.terms(g, D, L[g]) for g in range(family.groups)]
+        S, prior = family.placed(D)
+        terms = [family.terms(g, S, L[g]) for g in range(family.groups)]
         population, likelihood = (np.array(part) for part in zip(*terms, strict=True))
-        return cls(D.copy(), L.copy(), family.log_prior(D), population, likelihood)
+        return cls(D.copy(), L.copy(), prior, population, likelihood)
 
     @property
     def log_density(self) -> FloatArray:
@@ -138,6 +139,7 @@ class PooledEnsemble:
 
     def __post_init__(self) -> None:
         self._moved = np.zeros(len(self.walkers.D))
+        self._S = self.family.placed(self.walkers.D)[0]  # moves with the walkers
 
     def run(self, sweeps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Take sweeps; shared values (sweeps, w, k), locals (sweeps, groups, w, d), accepted share (w,)."""
@@ -158,9 +160,9 @@ class PooledEnsemble:
         w = self.walkers
         if len(self.family.blocks) > 1:  # move what the likelihood does not see
             w.D = self.family.refreshed(w.D, w.L, self.rng)
-            w.prior = self.family.log_prior(w.D)
+            self._S, w.prior = self.family.placed(w.D)
             for g in range(self.family.groups):
-                w.population[g] = self.family.log_population(g, w.D, w.L[g])
+                w.population[g] = self.family.log_population(g, self._S, w.L[g])
         k, law = w.D.shape[1], self.laws.drivers
         if k <= INDEPENDENT_DRIVERS:  # propose all shared values from their law, the locals carried along
             new = law.sample(len(w.D), self.rng)
@@ -201,7 +203,7 @@ class PooledEnsemble:
         """Propose the locals of a group from their law given the shared values."""
         w, law = self.walkers, self.laws.locals[g]
         L, log_new = law.sample(w.D, self.rng)
-        population, likelihood = self.family.terms(g, w.D, L)
+        population, likelihood = self.family.terms(g, self._S, L)
         log_ratio = population + likelihood - w.population[g] - w.likelihood[g]
         taken = self._accept(log_ratio + law.log_density(w.D, w.L[g]) - log_new)
         w.L[g][taken] = L[taken]
@@ -215,7 +217,7 @@ class PooledEnsemble:
         v, log_jacobian = law.inverse(w.D, w.L[g])
         proposed = v[half] + self._steps(v[other], len(half), v.shape[1])
         L, log_new = law.forward(w.D[half], proposed)
-        population, likelihood = self.family.terms(g, w.D[half], L)
+        population, likelihood = self.family.terms(g, self._S[half], L)
         log_ratio = population + likelihood - w.population[g][half] - w.likelihood[g][half]
         taken = self._accept(log_ratio + log_new - log_jacobian[half])
         chosen = half[taken]
@@ -240,7 +242,7 @@ class PooledEnsemble:
     ) -> None:
         """Metropolis step to shared values D of the chosen walkers; ``log_ratio`` of the proposal itself."""
         w = self.walkers
-        prior = self.family.log_prior(D)
+        S, prior = self.family.placed(D)
         alive = np.flatnonzero(np.isfinite(prior))
         level = np.where(np.isfinite(prior), prior + log_ratio - w.prior[chosen], -np.inf)
         L = w.L[:, chosen].copy()
@@ -252,17 +254,17 @@ class PooledEnsemble:
                 L[g][alive], after = law.forward(D[alive], v)
                 level[alive] += after - before
             elif treatment == "standardised":
-                L[g][alive], log_jacobian = self.family.rescaled(g, w.D[now], w.L[g][now], D[alive])
+                L[g][alive], log_jacobian = self.family.rescaled(g, self._S[now], w.L[g][now], S[alive])
                 level[alive] += log_jacobian
                 alive = alive[np.isfinite(level[alive])]
                 now = chosen[alive]
-            terms = self.family.terms(g, D[alive], L[g][alive])
+            terms = self.family.terms(g, S[alive], L[g][alive])
             population[g][alive], likelihood[g][alive] = terms
             level[alive] += terms[0] + terms[1] - w.population[g][now] - w.likelihood[g][now]
             alive = alive[np.isfinite(level[alive])]
         taken = self._accept(level)
         into = chosen[taken]
-        w.D[into], w.prior[into] = D[taken], prior[taken]
+        w.D[into], self._S[into], w.prior[into] = D[taken], S[taken], prior[taken]
         w.L[:, into] = L[:, taken]
         w.population[:, into], w.likelihood[:, into] = population[:, taken], likelihood[:, taken]
         self.counts.add(kind, taken)

@@ -173,13 +173,14 @@ def test_rescaled_locals_keep_their_place_in_the_population(joint: JointPosterio
     u, v = family.shared_from_physical(D), family.group_from_physical(0, L[0])
     other = u.copy()
     other[:, 1:] += 0.05 * rng.standard_normal((50, 2))
-    moved, log_jacobian = family.rescaled(0, u, v, other)
+    S = family.placed(other)[0]
+    moved, log_jacobian = family.rescaled(0, D, v, S)
     kept = np.isfinite(moved[:, 0])
-    after, K = family.shared_to_physical(other)[0][kept], family.group_to_physical(0, moved[kept])[0][:, 0]
+    after, K = S[kept], family.group_to_physical(0, moved[kept])[0][:, 0]
     before = (L[0][kept, 0] - D[kept, 1]) / D[kept, 2]
     np.testing.assert_allclose((K - after[:, 1]) / after[:, 2], before, rtol=1e-6)
     step = 1e-6
-    further, _ = family.rescaled(0, u[kept], v[kept] + step, other[kept])
+    further, _ = family.rescaled(0, D[kept], v[kept] + step, S[kept])
     slope = (further - moved[kept])[:, 0] / step
     known = np.isfinite(slope)
     np.testing.assert_allclose(np.log(slope[known]), log_jacobian[kept][known], atol=1e-3)

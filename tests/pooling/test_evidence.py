@@ -58,7 +58,7 @@ def test_a_population_is_integrated_at_any_spread(make: MakeStudy, roles: str, c
     D = family.shared_from_physical(x)
     for g, law in enumerate(laws.locals):
         L, level = law.sample(D, inner, rng)
-        weights = np.exp(family.log_population(g, np.repeat(D, inner, axis=0), L) - level)
+        weights = np.exp(family.log_population(g, np.repeat(x, inner, axis=0), L) - level)
         each = weights.reshape(n, inner).mean(axis=1)
         assert each.mean() == pytest.approx(1.0, abs=4.5 * each.std() / np.sqrt(n))
         assert each.std() < 1.5
@@ -69,9 +69,10 @@ def test_drivers_reach_spreads_of_nothing(make: MakeStudy) -> None:
     family, laws = _prepared(make, "two populations, one separate", 0.0)
     assert isinstance(laws.drivers, DefendedDrivers)
     D = laws.drivers.sample(4000, default_rng(1))
-    weights = np.exp(family.log_prior(D) - laws.drivers.log_density(D))
+    S, prior = family.placed(D)
+    weights = np.exp(prior - laws.drivers.log_density(D))
     assert weights.mean() == pytest.approx(1.0, abs=4.5 * weights.std() / np.sqrt(len(D)))
-    neck = family.shared_to_physical(D)[0][:, 1] < 3.0
+    neck = S[:, 1] < 3.0
     assert weights[neck].sum() / weights.sum() == pytest.approx(0.016, abs=0.008)  # a 50th of 150 Pa
 
 

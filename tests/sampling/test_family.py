@@ -55,21 +55,25 @@ class Linear:
         spread = _normal(tau, 0.0, 1.0) + np.log(2.0) + D[:, 2]
         return np.asarray(_normal(D[:, 0], 0.0, 1.0) + _normal(D[:, 1], 0.0, 2.0) + spread)
 
-    def log_population(self, group: int, D: FloatArray, L: FloatArray) -> FloatArray:
-        """Of a_g and b_g."""
-        return log_population(L[:, 0], D[:, 1], np.exp(D[:, 2]), FREE) + _normal(L[:, 1], 0.0, 1.0)
+    def placed(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """They are taken as they are."""
+        return D, self.log_prior(D)
 
-    def terms(self, group: int, D: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> FloatArray:
+        """Of a_g and b_g."""
+        return log_population(L[:, 0], S[:, 1], np.exp(S[:, 2]), FREE) + _normal(L[:, 1], 0.0, 1.0)
+
+    def terms(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, and the likelihood."""
-        first, second = L[:, 0] + D[:, 0], 0.5 * L[:, 0] + L[:, 1] - D[:, 0]
+        first, second = L[:, 0] + S[:, 0], 0.5 * L[:, 0] + L[:, 1] - S[:, 0]
         one, two = self.y[group]
         likelihood = _normal(first, one, self.sd) + _normal(second, two, self.sd)
-        return self.log_population(group, D, L), likelihood
+        return self.log_population(group, S, L), likelihood
 
-    def rescaled(self, group: int, D: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rescaled(self, group: int, S: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """a_g with its distance from m in units of τ held; b_g as it is."""
-        moved = new[:, 1] + np.exp(new[:, 2] - D[:, 2]) * (L[:, 0] - D[:, 1])
-        return np.column_stack([moved, L[:, 1]]), new[:, 2] - D[:, 2]
+        moved = new[:, 1] + np.exp(new[:, 2] - S[:, 2]) * (L[:, 0] - S[:, 1])
+        return np.column_stack([moved, L[:, 1]]), new[:, 2] - S[:, 2]
 
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """A few random-walk steps of m and log τ given the locals."""
