@@ -43,8 +43,8 @@ from bayesterra.pooling.evidence import (
 )
 from bayesterra.sampling.evidence import Evidence, summed
 from bayesterra.sampling.family import JointFamily
-from bayesterra.sampling.joint import JointSamples, fit_laws, group_coordinates, starting_points, warmed_up
-from bayesterra.sampling.moves import PooledEnsemble, Walkers
+from bayesterra.sampling.joint import JointSamples, begun, fit_laws, group_coordinates, starting_points, warmed_up
+from bayesterra.sampling.moves import PooledEnsemble, Walkers, run_together
 from bayesterra.sampling.sampler import Samples
 from bayesterra.stats.mixture import log_mean
 from bayesterra.study.groups import Population
@@ -100,17 +100,18 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
     evidence: Evidence | None = None
     with threadpool_limits(limits=1):
         for e in range(REPEATS):
-            own = {name: _some(chain[e % count], rng) for name, chain in chains.items()}
-            D, L = starting_points(family, own, rng)
+            some = {name: _some(chain[e % count], rng) for name, chain in chains.items()}
+            D, L = starting_points(family, some, rng)
             if np.isfinite(Walkers.at(family, D, L).log_density).sum() < FEWEST:
                 return UNKNOWN
-            alone.append([group_coordinates(family, g, x, rng) for g, x in enumerate(own.values())])
-            ensembles.append(warmed_up(family, D, L, WALKERS, WARM_UPS, rng))
+            alone.append([group_coordinates(family, g, x, rng) for g, x in enumerate(some.values())])
+            ensembles.append(begun(family, D, L, WALKERS, rng))
+        ensembles = warmed_up(ensembles, WARM_UPS)
         for sweeps in SWEEPS:
             laws: list[OuterLaws] = []
-            for ensemble, apart in zip(ensembles, alone, strict=True):  # fitted to where an ensemble went
-                D, L, _ = ensemble.run(sweeps)
-                D, L = D.reshape(-1, D.shape[-1]), np.moveaxis(L, 1, 0).reshape(family.groups, -1, L.shape[-1])
+            went = run_together(ensembles, sweeps)
+            for ensemble, apart, at, own in zip(ensembles, alone, *went[:2], strict=True):  # fitted to where it went
+                D, L = at.reshape(-1, at.shape[-1]), np.moveaxis(own, 1, 0).reshape(family.groups, -1, own.shape[-1])
                 ensemble.laws = fit_laws(family, D, L, rng)
                 laws.append(outer_laws(family, ensemble.laws, apart, D, L, rng))
             evidence = _evidence(family, laws, rng)

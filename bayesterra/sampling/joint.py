@@ -3,7 +3,7 @@
 import os
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,7 +20,16 @@ from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.runtime.checkpoints import CheckpointStore, Segment
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
-from bayesterra.sampling.moves import Counts, Family, Laws, PooledEnsemble, Walkers, begun_or_saved, load_or_run_segment
+from bayesterra.sampling.moves import (
+    Counts,
+    Family,
+    JointSegment,
+    Laws,
+    PooledEnsemble,
+    Walkers,
+    load_or_make_segment,
+    run_together,
+)
 from bayesterra.sampling.sampler import Progress, Samples, Steps, Target, is_diagnosed, sample
 from bayesterra.stats.diagnostics import Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
@@ -131,18 +140,20 @@ def sample_joint(
 
     watch = Steps(report)
 
-    def warmed_up_by(number: int) -> PooledEnsemble:
+    def begun_by(number: int) -> PooledEnsemble:
         rng = default_rng(streams[number])
         chains = {group: samples.chains[number] for group, samples in lone.items()}
-        D, L = starting_points(family, chains, rng)
-        return warmed_up(family, D, L, options.walkers, plan.warm_ups, rng, watch.of(number))
-
-    def begun(number: int) -> PooledEnsemble:
-        return begun_or_saved(checkpoint_store, number + 1, family, partial(warmed_up_by, number))
+        watch.of(number)("first laws")
+        return begun(family, *starting_points(family, chains, rng), options.walkers, rng)
 
     with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, os.cpu_count() or 1)) as pool:
-        report(Progress("adapting", 0.0))
-        ensembles = list(pool.map(begun, range(options.ensembles)))
+
+        def adapting() -> JointSegment:
+            report(Progress("adapting", 0.0))
+            starts = list(pool.map(begun_by, range(options.ensembles)))
+            return JointSegment.of(warmed_up(starts, plan.warm_ups, watch.of(None), pool.map), 0)
+
+        _, ensembles = load_or_make_segment(checkpoint_store, "joint-begun", family, adapting)
         adapted = time.perf_counter()
         chains, acceptance, diagnosis, ensembles = _produced(family, ensembles, options, pool, report, checkpoint_store)
     accepted, tried = Counter[str](), Counter[str]()
@@ -183,13 +194,13 @@ def _produced(
     while True:
         number += 1
         length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
-        names = [f"joint-{e + 1}-round-{number:04d}" for e in range(len(ensembles))]
-        segments = list(pool.map(load_or_run_segment, repeat(checkpoint_store), names, ensembles, repeat(length)))
-        ensembles = [segment.end.ensemble(family) for segment in segments]
-        kept.physical.append(np.array([_physical(family, segment.D, segment.L) for segment in segments]))
-        kept.shares.append(np.array([segment.share for segment in segments]))
+        segment, ensembles = load_or_make_segment(
+            checkpoint_store, f"joint-round-{number:04d}", family, partial(JointSegment.of, ensembles, length)
+        )
+        kept.physical.append(np.array(list(map(_physical, repeat(family), segment.D, segment.L))))
+        kept.shares.append(segment.share)
         if refits < REFITS:
-            kept.coordinates.append([(segment.D, segment.L) for segment in segments])
+            kept.coordinates.append((segment.D, segment.L))
         going_on = kept.steps < options.max_steps
         refitting = refits < REFITS and kept.steps >= PATIENCE * 2**refits
         if going_on and not refitting and not is_diagnosed(number):
@@ -213,7 +224,7 @@ class _Kept:
 
     physical: list[FloatArray] = field(default_factory=list)
     shares: list[FloatArray] = field(default_factory=list)
-    coordinates: list[list[tuple[FloatArray, FloatArray]]] = field(default_factory=list)
+    coordinates: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
 
     @property
     def steps(self) -> int:
@@ -226,10 +237,10 @@ class _Kept:
         return np.average(self.shares, axis=0, weights=lengths)
 
     @property
-    def found(self) -> tuple[list[FloatArray], list[FloatArray]]:
+    def found(self) -> tuple[FloatArray, FloatArray]:
         """Shared values, and locals, of all rounds by ensemble."""
-        rounds = [list(zip(*of, strict=True)) for of in zip(*self.coordinates, strict=True)]
-        return [np.concatenate(D) for D, _ in rounds], [np.concatenate(L) for _, L in rounds]
+        D, L = (np.concatenate(parts, axis=1) for parts in zip(*self.coordinates, strict=True))
+        return D, L
 
 
 def _physical(family: JointFamily, D: FloatArray, L: FloatArray) -> FloatArray:
@@ -330,34 +341,34 @@ def fit_laws(family: Family, D: FloatArray, L: FloatArray, rng: Generator) -> La
     return Laws(proposal, tuple(following))
 
 
-def warmed_up(
-    family: Family,
-    D: FloatArray,
-    L: FloatArray,
-    walkers: int,
-    warm_ups: Sequence[int],
-    rng: Generator,
-    watch: Callable[[str], None] = lambda step: None,
-) -> PooledEnsemble:
-    """An ensemble whose laws are fitted to starting points, then to what each of some warm-ups found.
-
-    Parameters
-    ----------
-    D, L : starting points (n, k) and (groups, n, d), at least ``walkers`` of them inside the support.
-    warm_ups : sweeps of each warm-up, of which the second half is used.
-    watch : told what is at work, step by step.
-    """
-    watch("first laws")
+def begun(family: Family, D: FloatArray, L: FloatArray, walkers: int, rng: Generator) -> PooledEnsemble:
+    """An ensemble whose laws are fitted to starting points (n, k) and (groups, n, d), some of them in the support."""
     inside = np.isfinite(Walkers.at(family, D, L).log_density)
     D, L = D[inside], L[:, inside]
     laws = fit_laws(family, D, L, rng)
     start = rng.choice(len(D), size=walkers, replace=len(D) < walkers)
-    ensemble = PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
+    return PooledEnsemble(family, laws, Walkers.at(family, D[start], L[:, start]), rng)
+
+
+def warmed_up(
+    ensembles: Sequence[PooledEnsemble],
+    warm_ups: Sequence[int],
+    watch: Callable[[str], None] = lambda step: None,
+    each: Callable[..., Iterable[PooledEnsemble]] = map,
+) -> list[PooledEnsemble]:
+    """Ensembles of one family whose laws are fitted to what each of some warm-ups found.
+
+    Parameters
+    ----------
+    warm_ups : sweeps of each warm-up, of which the second half is used.
+    watch : told what is at work, step by step.
+    each : ``map``, or that of some threads.
+    """
     for sweeps in warm_ups:
         watch(f"pilot run of {sweeps} sweeps")
-        D, L, _ = ensemble.run(sweeps)
-        ensemble = refitted(ensemble, D[sweeps // 2 :], L[sweeps // 2 :])
-    return ensemble
+        D, L, _ = run_together(ensembles, sweeps)
+        ensembles = list(each(refitted, ensembles, D[:, sweeps // 2 :], L[:, sweeps // 2 :]))
+    return list(ensembles)
 
 
 def refitted(ensemble: PooledEnsemble, D: FloatArray, L: FloatArray) -> PooledEnsemble:

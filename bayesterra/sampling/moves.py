@@ -16,10 +16,14 @@ whole vectors, so these moves are our own:
   (Yu and Meng 2011).
 
 All laws are frozen while draws are kept. Each half of the walkers moves by differences of the other half.
+
+Ensembles share nothing but the calls of their family: for some tens of walkers a call takes much the same time
+as for one, so sweeps of several ensembles stop where they ask, and one call answers them all.
 """
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from collections.abc import Generator as Stops
 from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -75,6 +79,13 @@ class Family(Protocol):
 
     def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
         """Shared values (n, k) after a move of those that the likelihood does not see, given locals."""
+
+
+Answer = tuple[FloatArray, FloatArray]
+Question = tuple[Callable[..., Answer], tuple[int, ...], tuple[FloatArray, ...]]
+"""A method of a family, the group where it takes one, and arrays with a row for each walker."""
+Move = Stops[Question, Answer, None]
+"""A move that stops wherever it asks."""
 
 
 @dataclass(frozen=True)
@@ -138,51 +149,41 @@ class PooledEnsemble:
     counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
-        self._moved = np.zeros(len(self.walkers.D))
+        self.moved = np.zeros(len(self.walkers.D))  # moves of groups' locals from their law, by walker
         self._S = self.family.placed(self.walkers.D)[0]  # moves with the walkers
 
-    def run(self, sweeps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Take sweeps; shared values (sweeps, w, k), locals (sweeps, groups, w, d), accepted share (w,)."""
-        D = np.empty((sweeps, *self.walkers.D.shape))
-        L = np.empty((sweeps, *self.walkers.L.shape))
-        self._moved[:] = 0.0
-        for i in range(sweeps):
-            self.sweep()
-            D[i], L[i] = self.walkers.D, self.walkers.L
-        return D, L, self._moved / (sweeps * self.family.groups)
-
-    def sweep(self) -> None:
+    def sweep(self) -> Move:
         """Move everything once."""
         for g in range(self.family.groups):
-            self._anew(g)
+            yield from self._anew(g)
             for half in self._halves():
-                self._by_differences(g, *half)
+                yield from self._by_differences(g, *half)
         w = self.walkers
         if len(self.family.blocks) > 1:  # move what the likelihood does not see
             w.D = self.family.refreshed(w.D, w.L, self.rng)
-            self._S, w.prior = self.family.placed(w.D)
+            self._S, w.prior = yield self.family.placed, (), (w.D,)
             for g in range(self.family.groups):
                 w.population[g] = self.family.log_population(g, self._S, w.L[g])
         k, law = w.D.shape[1], self.laws.drivers
         if k <= INDEPENDENT_DRIVERS:  # propose all shared values from their law, the locals carried along
             new = law.sample(len(w.D), self.rng)
             log_ratio = law.log_density(w.D) - law.log_density(new)
-            self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
+            yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
         for half in self._halves():
-            self._shared_by_differences(tuple(range(k)), *half)
+            yield from self._shared_by_differences(tuple(range(k)), *half)
         blocks = [block for block in self.family.blocks if 0 < len(block) < k]
         if blocks:
             block = blocks[self.rng.integers(len(blocks))]
             for half in self._halves():
-                self._shared_by_differences(block, *half)
+                yield from self._shared_by_differences(block, *half)
         populations = self.family.blocks[1:]
         if populations:
             block = populations[self.rng.integers(len(populations))]
             for half in self._halves():
-                self._shared_by_differences(block, *half, treatment="standardised")
+                yield from self._shared_by_differences(block, *half, treatment="standardised")
         if self.family.blocks[0] and self.rng.random() < HELD_SHARE:
             for half in self._halves():
-                self._shared_by_differences(self.family.blocks[0], *half, treatment="held")
+                yield from self._shared_by_differences(self.family.blocks[0], *half, treatment="held")
 
     def _halves(self) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:
         order = self.rng.permutation(len(self.walkers.D))
@@ -199,25 +200,25 @@ class PooledEnsemble:
     def _accept(self, log_ratio: FloatArray) -> BoolArray:
         return np.asarray(np.log(self.rng.random(len(log_ratio))) < log_ratio)
 
-    def _anew(self, g: int) -> None:
+    def _anew(self, g: int) -> Move:
         """Propose the locals of a group from their law given the shared values."""
         w, law = self.walkers, self.laws.locals[g]
         L, log_new = law.sample(w.D, self.rng)
-        population, likelihood = self.family.terms(g, self._S, L)
+        population, likelihood = yield self.family.terms, (g,), (self._S, L)
         log_ratio = population + likelihood - w.population[g] - w.likelihood[g]
         taken = self._accept(log_ratio + law.log_density(w.D, w.L[g]) - log_new)
         w.L[g][taken] = L[taken]
         w.population[g][taken], w.likelihood[g][taken] = population[taken], likelihood[taken]
-        self._moved += taken
+        self.moved += taken
         self.counts.add("locals anew", taken)
 
-    def _by_differences(self, g: int, half: IntArray, other: IntArray) -> None:
+    def _by_differences(self, g: int, half: IntArray, other: IntArray) -> Move:
         """Move the locals of a group along differences of other walkers in straight coordinates."""
         w, law = self.walkers, self.laws.locals[g]
         v, log_jacobian = law.inverse(w.D, w.L[g])
         proposed = v[half] + self._steps(v[other], len(half), v.shape[1])
         L, log_new = law.forward(w.D[half], proposed)
-        population, likelihood = self.family.terms(g, self._S[half], L)
+        population, likelihood = yield self.family.terms, (g,), (self._S[half], L)
         log_ratio = population + likelihood - w.population[g][half] - w.likelihood[g][half]
         taken = self._accept(log_ratio + log_new - log_jacobian[half])
         chosen = half[taken]
@@ -227,7 +228,7 @@ class PooledEnsemble:
 
     def _shared_by_differences(
         self, block: Sequence[int], half: IntArray, other: IntArray, *, treatment: Locals = "carried"
-    ) -> None:
+    ) -> Move:
         """Move some shared values along differences of other walkers; ``treatment`` is that of the locals."""
         straight, columns = self.laws.drivers.transport_map, list(block)
         v, log_jacobian = straight.inverse(self.walkers.D)
@@ -235,14 +236,14 @@ class PooledEnsemble:
         proposed[:, columns] += self._steps(v[other][:, columns], len(half), len(columns))
         D, log_new = straight.forward(proposed)
         kind = f"drivers by differences ({len(columns)}), locals {treatment}"
-        self._carried(half, D, log_new - log_jacobian[half], kind, treatment)
+        yield from self._carried(half, D, log_new - log_jacobian[half], kind, treatment)
 
     def _carried(
         self, chosen: IntArray, D: FloatArray, log_ratio: FloatArray, kind: str, treatment: Locals = "carried"
-    ) -> None:
+    ) -> Move:
         """Metropolis step to shared values D of the chosen walkers; ``log_ratio`` of the proposal itself."""
         w = self.walkers
-        S, prior = self.family.placed(D)
+        S, prior = yield self.family.placed, (), (D,)
         alive = np.flatnonzero(np.isfinite(prior))
         level = np.where(np.isfinite(prior), prior + log_ratio - w.prior[chosen], -np.inf)
         L = w.L[:, chosen].copy()
@@ -254,11 +255,12 @@ class PooledEnsemble:
                 L[g][alive], after = law.forward(D[alive], v)
                 level[alive] += after - before
             elif treatment == "standardised":
-                L[g][alive], log_jacobian = self.family.rescaled(g, self._S[now], w.L[g][now], S[alive])
+                rows = (self._S[now], w.L[g][now], S[alive])
+                L[g][alive], log_jacobian = yield self.family.rescaled, (g,), rows
                 level[alive] += log_jacobian
                 alive = alive[np.isfinite(level[alive])]
                 now = chosen[alive]
-            terms = self.family.terms(g, S[alive], L[g][alive])
+            terms = yield self.family.terms, (g,), (S[alive], L[g][alive])
             population[g][alive], likelihood[g][alive] = terms
             level[alive] += terms[0] + terms[1] - w.population[g][now] - w.likelihood[g][now]
             alive = alive[np.isfinite(level[alive])]
@@ -268,6 +270,39 @@ class PooledEnsemble:
         w.L[:, into] = L[:, taken]
         w.population[:, into], w.likelihood[:, into] = population[:, taken], likelihood[:, taken]
         self.counts.add(kind, taken)
+
+
+def run_together(ensembles: Sequence[PooledEnsemble], sweeps: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Take sweeps of ensembles of one family.
+
+    Returns shared values (ensembles, sweeps, w, k), locals (ensembles, sweeps, groups, w, d), and the accepted
+    share of the groups' locals (ensembles, w).
+    """
+    first = ensembles[0].walkers
+    D = np.empty((len(ensembles), sweeps, *first.D.shape))
+    L = np.empty((len(ensembles), sweeps, *first.L.shape))
+    for ensemble in ensembles:
+        ensemble.moved[:] = 0.0
+    for i in range(sweeps):
+        _answer([ensemble.sweep() for ensemble in ensembles])
+        for e, ensemble in enumerate(ensembles):
+            D[e, i], L[e, i] = ensemble.walkers.D, ensemble.walkers.L
+    return D, L, np.array([ensemble.moved for ensemble in ensembles]) / max(sweeps * len(first.L), 1)
+
+
+def _answer(moves: Sequence[Move]) -> None:
+    """Take moves to their ends; those that ask the same are answered by one call."""
+    asked = {number: next(move) for number, move in enumerate(moves)}
+    while asked:
+        method, group, _ = next(iter(asked.values()))
+        alike = {number: rows for number, (*what, rows) in asked.items() if what == [method, group]}
+        ends = np.cumsum([len(rows[0]) for rows in alike.values()])[:-1]
+        answer = method(*group, *map(np.concatenate, zip(*alike.values(), strict=True)))
+        for number, own in zip(alike, zip(*(np.split(part, ends) for part in answer), strict=True), strict=True):
+            try:
+                asked[number] = moves[number].send(own)
+            except StopIteration:
+                del asked[number]
 
 
 _WORD = 2**64
@@ -320,41 +355,33 @@ class JointState:
 
 @dataclass(frozen=True)
 class JointSegment:
-    """Sweeps on end, and where they led."""
+    """Sweeps on end of all ensembles, and where they led."""
 
-    D: FloatArray  # shared values (sweeps, w, k)
-    L: FloatArray  # locals (sweeps, groups, w, d)
-    share: FloatArray  # accepted share of each walker (w,)
-    end: JointState  # where the ensemble stands then
+    D: FloatArray  # shared values (ensembles, sweeps, w, k)
+    L: FloatArray  # locals (ensembles, sweeps, groups, w, d)
+    share: FloatArray  # accepted share of each walker (ensembles, w)
+    ends: tuple[JointState, ...]  # where the ensembles stand then
+
+    @classmethod
+    def of(cls, ensembles: Sequence[PooledEnsemble], sweeps: int) -> "JointSegment":
+        """Take sweeps."""
+        D, L, share = run_together(ensembles, sweeps)
+        return cls(D, L, share, tuple(map(JointState.of, ensembles)))
 
 
-def begun_or_saved(
-    checkpoint_store: CheckpointStore, number: int, family: Family, begin: Callable[[], PooledEnsemble]
-) -> PooledEnsemble:
-    """The ensemble that is begun, or the one in the checkpoint store."""
-    name = f"joint-{number}-begun"
+def load_or_make_segment(
+    checkpoint_store: CheckpointStore, name: str, family: Family, make: Callable[[], JointSegment]
+) -> tuple[JointSegment, list[PooledEnsemble]]:
+    """The segment that the store has under a name, or the one that is made, and its ensembles.
+
+    See :func:`check_densities`.
+    """
     saved = checkpoint_store.holds(name)
-    state = load_or_compute(checkpoint_store, name, JointState, lambda: JointState.of(begin()))
-    ensemble = state.ensemble(family)
-    if saved:
+    segment = load_or_compute(checkpoint_store, name, JointSegment, make)
+    ensembles = [end.ensemble(family) for end in segment.ends]
+    for ensemble in ensembles if saved else ():
         check_densities(ensemble)
-    return ensemble
-
-
-def load_or_run_segment(
-    checkpoint_store: CheckpointStore, name: str, ensemble: PooledEnsemble, sweeps: int
-) -> JointSegment:
-    """Take sweeps, or the segment that the checkpoint store has under a name; see :func:`check_densities`."""
-
-    def taken() -> JointSegment:
-        D, L, share = ensemble.run(sweeps)
-        return JointSegment(D, L, share, JointState.of(ensemble))
-
-    saved = checkpoint_store.holds(name)
-    segment = load_or_compute(checkpoint_store, name, JointSegment, taken)
-    if saved:
-        check_densities(segment.end.ensemble(ensemble.family))
-    return segment
+    return segment, ensembles
 
 
 def check_densities(ensemble: PooledEnsemble) -> None:

@@ -236,13 +236,13 @@ class Steps:
     def __init__(self, report: Callable[[Progress], None]) -> None:
         self._report, self._lock, self._count = report, Lock(), 0
 
-    def of(self, number: int) -> Callable[[str], None]:
-        """Function to which ensemble ``number`` tells its steps."""
+    def of(self, number: int | None) -> Callable[[str], None]:
+        """Function to which ensemble ``number`` tells its steps, or all of them at once."""
 
         def told(step: str) -> None:
             with self._lock:
                 self._count += 1
-                named = f"ensemble {number + 1}: {step}"
+                named = step if number is None else f"ensemble {number + 1}: {step}"
                 self._report(Progress("adapting", 0.0, step=named, steps=self._count))
 
         return told

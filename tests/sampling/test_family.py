@@ -12,7 +12,8 @@ from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
 from bayesterra.sampling.family import fit_conditional
-from bayesterra.sampling.joint import refitted, warmed_up
+from bayesterra.sampling.joint import begun, refitted, warmed_up
+from bayesterra.sampling.moves import PooledEnsemble, run_together
 from bayesterra.stats.diagnostics import diagnose
 from bayesterra.stats.laws import log_population
 
@@ -142,20 +143,19 @@ def simulated(groups: int, tau: float, sd: float, seed: int) -> Linear:
     return Linear(exact + sd * rng.standard_normal(exact.shape), sd)
 
 
-def _sampled(family: Linear, seed: int) -> tuple[FloatArray, FloatArray]:
-    """Draws (sweeps, walkers, 3 + 2 groups) of one ensemble, τ itself, and its accepted shares."""
+def started(family: Linear, seed: int) -> PooledEnsemble:
+    """An ensemble with its first laws."""
     rng = np.random.default_rng(seed)
-    ensemble = warmed_up(family, *family.start(600, rng), 32, (20, 40, 80), rng)
-    D, L, accepted = ensemble.run(150)
-    own = np.moveaxis(L, 1, 2).reshape(*D.shape[:2], -1)
-    return np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=2), accepted
+    return begun(family, *family.start(600, rng), 32, rng)
 
 
 @pytest.mark.slow
 def test_moves_have_the_exact_posterior() -> None:
     """Where the groups have one value, so that the spread piles up at zero: the hard case."""
     family = simulated(4, 0.0, 0.2, 3)
-    chains, accepted = (np.array(part) for part in zip(*(_sampled(family, e) for e in range(4)), strict=True))
+    D, L, accepted = run_together(warmed_up([started(family, e) for e in range(4)], (20, 40, 80)), 150)
+    own = np.moveaxis(L, 2, 3).reshape(*D.shape[:3], -1)
+    chains = np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=3)
     mean, sd, _ = family.exact()
     found = diagnose([str(i) for i in range(chains.shape[-1])], chains, accepted, 1000)
     flat = chains.reshape(-1, chains.shape[-1])
@@ -184,14 +184,25 @@ def test_conditional_law_is_normalised_and_drawn_from() -> None:
     assert np.mean(drawn < median) == pytest.approx(0.5, abs=0.015)
 
 
+def test_ensembles_that_ask_together_move_as_each_does_alone() -> None:
+    """Also where one of them makes a move more; what an ensemble draws depends on its own numbers only."""
+    family = simulated(3, 0.5, 0.2, 3)
+    alone = [run_together([started(family, seed)], 12) for seed in range(3)]
+    together = run_together([started(family, seed) for seed in range(3)], 12)
+    for e, parts in enumerate(alone):
+        for part, of_all in zip(parts, together, strict=True):
+            np.testing.assert_allclose(of_all[e], part[0], rtol=1e-9)
+    assert not np.allclose(together[0][0], together[0][1])
+
+
 def test_laws_are_fitted_anew_to_what_was_found() -> None:
     """Laws fitted to bad starting points are replaced by better ones; the walkers stay where they are."""
     family, rng = simulated(4, 0.5, 0.2, 3), np.random.default_rng(5)
     D, L = family.start(600, rng)
-    ensemble = warmed_up(family, D + rng.standard_normal(D.shape), 3.0 * L, 32, (), rng)
-    found = ensemble.run(60)
+    ensemble = begun(family, D + rng.standard_normal(D.shape), 3.0 * L, 32, rng)
+    found = run_together([ensemble], 60)
     before = ensemble.counts.shares["locals anew"]
-    better = refitted(ensemble, found[0][30:], found[1][30:])
+    better = refitted(ensemble, found[0][0, 30:], found[1][0, 30:])
     np.testing.assert_array_equal(better.walkers.D, ensemble.walkers.D)
-    better.run(30)
+    run_together([better], 30)
     assert better.counts.shares["locals anew"] > before + 0.1

@@ -15,7 +15,7 @@ from bayesterra.runtime.checkpoints import CheckpointStore, Segment, pack, unpac
 from bayesterra.sampling import joint as joint_sampling
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import JointSamples, PoolingOptions, sample_joint
-from bayesterra.sampling.moves import JointState
+from bayesterra.sampling.moves import JointSegment, JointState, run_together
 from bayesterra.study.schema import SamplingOptions
 from bayesterra.study.study import Study
 
@@ -99,7 +99,7 @@ def test_notes_change_nothing(joint: JointPosterior, small: PoolingOptions, whol
     """Nor does reading them all."""
     found, notes = whole
     assert found.chains.shape[1] == 9
-    rounds = [name for name in notes.segments if name.startswith("joint-1-round-")]
+    rounds = [name for name in notes.segments if name.startswith("joint-round-")]
     assert len(rounds) == 5  # of which two were forgotten when the laws were fitted anew
     same(run(joint, small), found)
     made = list(notes.made)
@@ -108,7 +108,7 @@ def test_notes_change_nothing(joint: JointPosterior, small: PoolingOptions, whol
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ends_at", ["joint-2-begun", "joint-2-round-0004"])
+@pytest.mark.parametrize("ends_at", ["joint-begun", "joint-round-0004"])
 def test_a_run_that_ended_goes_on(
     ends_at: str, joint: JointPosterior, small: PoolingOptions, whole: tuple[JointSamples, Notes]
 ) -> None:
@@ -129,10 +129,10 @@ def test_an_ensemble_that_was_put_down_goes_on_like_one_that_was_not(
 ) -> None:
     """Laws, walkers, generator and counts: the next sweeps are the same."""
     family = JointFamily(joint)
-    ensemble = unpack(JointState, whole[1].segments["joint-1-begun"]).ensemble(family)
-    ensemble.run(2)
+    ensemble = unpack(JointSegment, whole[1].segments["joint-begun"]).ends[0].ensemble(family)
+    run_together([ensemble], 2)
     other = unpack(JointState, pack(JointState.of(ensemble))).ensemble(family)
-    for one, same_ in zip(ensemble.run(3), other.run(3), strict=True):
+    for one, same_ in zip(run_together([ensemble], 3), run_together([other], 3), strict=True):
         np.testing.assert_array_equal(one, same_)
     assert ensemble.counts == other.counts
     assert ensemble.rng.bit_generator.state == other.rng.bit_generator.state
@@ -143,7 +143,7 @@ def test_walkers_of_another_density_are_refused(
 ) -> None:
     """As after a change of a library that changes numbers."""
     segments = dict(whole[1].segments)
-    begun = dict(segments["joint-1-begun"])
-    begun["walkers.likelihood"] = begun["walkers.likelihood"] + 1e-3
+    begun = dict(segments["joint-begun"])
+    begun["ends.0.walkers.likelihood"] = begun["ends.0.walkers.likelihood"] + 1e-3
     with pytest.raises(ResultError, match="the saved draws cannot be used: their log density is off by"):
-        run(joint, small, Notes({**segments, "joint-1-begun": begun}))
+        run(joint, small, Notes({**segments, "joint-begun": begun}))
