@@ -16,8 +16,8 @@ from bayesterra.stats.mixture import StudentMixture, fit_mixture, with_defensive
 from bayesterra.stats.transport import TransportMap, fit_transport_map
 from bayesterra.study.priors import Entry, Prior
 
-SLICES = 2
-"""Slice steps of every mean and spread in one refreshment."""
+SLICES, TRIES = 2, 60
+"""Slice steps of every mean and spread in one refreshment, and most tries of a step, which may end where it began."""
 WIDTH_DRAWS = 1000
 
 
@@ -106,9 +106,9 @@ class JointFamily:
         level = self.joint.log_prior_of_shared(np.where(finite[:, None], x, 0.0))
         return x, np.where(finite, level + np.where(finite, log_jacobian, 0.0), -np.inf)
 
-    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> FloatArray:
+    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray]:
         """See :class:`bayesterra.sampling.moves.Family`."""
-        return self._prior(S, group, L)[0]
+        return (self._prior(S, group, L)[0],)
 
     def _prior(self, shared: FloatArray, group: int, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log density given physical shared values, Jacobian included, and physical locals."""
@@ -146,21 +146,26 @@ class JointFamily:
         inside &= np.asarray(np.isfinite(L_new).all(axis=1)) & np.isfinite(log_jacobian)
         return np.where(inside[:, None], L_new, np.nan), np.where(inside, log_jacobian, -np.inf)
 
-    def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
+    @property
+    def chances(self) -> int:
+        """See :class:`bayesterra.sampling.moves.Family`."""
+        return SLICES * 2 * len(self.joint.hyper) * (1 + TRIES)
+
+    def refreshed(self, D: FloatArray, S: FloatArray, L: FloatArray, chance: FloatArray) -> tuple[FloatArray]:
         """Slice steps of every mean and spread given the groups' values."""
-        k = len(self.joint.shared)
-        own = np.stack([self.group_to_physical(g, L[g])[0] for g in range(self.groups)])
-        shared, _ = self.shared_to_physical(D)
+        k, steps = len(self.joint.shared), iter(chance.T.reshape(-1, 1 + TRIES, len(D)))
+        own = np.stack([self.group_to_physical(g, L[:, g])[0] for g in range(self.groups)])
+        shared = S.copy()
         for i, (name, laws) in enumerate(self.joint.hyper.items()):
             values = own[:, :, self.joint.local.index(name)]
             at, limits = k + 2 * i, self.joint.laws[name].range
             tied = self.joint.dependence_on(name, shared, own) if name in self.joint.tied_local else None
             for _ in range(SLICES):
                 for column, law in zip((at, at + 1), laws, strict=True):
-                    shared[:, column] = _sliced(shared, column, at, values, law, limits, tied, rng)
+                    shared[:, column] = _sliced(shared, column, at, values, law, limits, tied, next(steps))
         new = self.shared_from_physical(shared)
         new[:, :k] = D[:, :k]
-        return np.where(np.asarray(np.isfinite(new).all(axis=1))[:, None], new, D)
+        return (np.where(np.asarray(np.isfinite(new).all(axis=1))[:, None], new, D),)
 
 
 def _sliced(
@@ -171,9 +176,12 @@ def _sliced(
     law: Law,
     limits: tuple[float, float],
     tied: Callable[[FloatArray, FloatArray], FloatArray] | None,
-    rng: Generator,
+    chance: FloatArray,
 ) -> FloatArray:
-    """One slice step (Neal 2003) of a mean or spread in its probability scale; ``tied``: what correlations add."""
+    """One slice step (Neal 2003) of a mean or spread in its probability scale; ``tied``: what correlations add.
+
+    ``chance`` (1 + TRIES, n): numbers between 0 and 1, of the level and of each try.
+    """
     mean, spread = shared[:, at].copy(), shared[:, at + 1].copy()
 
     def level(chosen: FloatArray) -> FloatArray:
@@ -186,12 +194,12 @@ def _sliced(
         return np.where(alive, log_density + tied(*safe), -np.inf)
 
     now = shared[:, column]
-    floor = level(now) + np.log(rng.random(len(now)))
+    floor = level(now) + np.log(chance[0])
     place = law.cdf(now)
     low, high, result = np.zeros(len(now)), np.ones(len(now)), now.copy()
     open_ = np.ones(len(now), dtype=bool)
-    for _ in range(100):
-        tried = low + rng.random(len(now)) * (high - low)
+    for part in chance[1:]:
+        tried = low + part * (high - low)
         x = law.quantile(tried)
         inside = open_ & (level(x) > floor)
         result[inside] = x[inside]

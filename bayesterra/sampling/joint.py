@@ -286,7 +286,8 @@ def starting_points(
             physical.append(np.clip(values.std(axis=0), least, most)[:, None])
         shared[:, k:] = family._hyper.from_physical(np.concatenate(physical, axis=1))
         for _ in range(5):
-            shared = family.refreshed(shared, L, rng)
+            chance = rng.random((STARTS, family.chances))
+            (shared,) = family.refreshed(shared, family.placed(shared)[0], np.moveaxis(L, 0, 1), chance)
     return shared, L
 
 

@@ -65,7 +65,7 @@ class Family(Protocol):
     def placed(self, D: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Shared values S (n, k) as the methods below take them, and log density (n,) of D; −inf outside."""
 
-    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> FloatArray:
+    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray]:
         """Log density (n,) of one group's locals (n, d) given shared values."""
 
     def terms(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -77,11 +77,18 @@ class Family(Protocol):
         NaN where a value would leave its range.
         """
 
-    def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
-        """Shared values (n, k) after a move of those that the likelihood does not see, given locals."""
+    @property
+    def chances(self) -> int:
+        """How many random numbers a walker's refreshment takes."""
+
+    def refreshed(self, D: FloatArray, S: FloatArray, L: FloatArray, chance: FloatArray) -> tuple[FloatArray]:
+        """Shared values (n, k) after a move of those that the likelihood does not see, given locals (n, groups, d).
+
+        ``chance`` (n, chances) are numbers drawn between 0 and 1.
+        """
 
 
-Answer = tuple[FloatArray, FloatArray]
+Answer = tuple[FloatArray, ...]
 Question = tuple[Callable[..., Answer], tuple[int, ...], tuple[FloatArray, ...]]
 """A method of a family, the group where it takes one, and arrays with a row for each walker."""
 Move = Stops[Question, Answer, None]
@@ -160,10 +167,11 @@ class PooledEnsemble:
                 yield from self._by_differences(g, *half)
         w = self.walkers
         if len(self.family.blocks) > 1:  # move what the likelihood does not see
-            w.D = self.family.refreshed(w.D, w.L, self.rng)
+            chance = self.rng.random((len(w.D), self.family.chances))
+            (w.D,) = yield self.family.refreshed, (), (w.D, self._S, np.moveaxis(w.L, 0, 1), chance)
             self._S, w.prior = yield self.family.placed, (), (w.D,)
             for g in range(self.family.groups):
-                w.population[g] = self.family.log_population(g, self._S, w.L[g])
+                (w.population[g],) = yield self.family.log_population, (g,), (self._S, w.L[g])
         k, law = w.D.shape[1], self.laws.drivers
         if k <= INDEPENDENT_DRIVERS:  # propose all shared values from their law, the locals carried along
             new = law.sample(len(w.D), self.rng)

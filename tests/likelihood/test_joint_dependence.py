@@ -123,7 +123,8 @@ def test_moves_have_the_same_density(make: MakeStudy, roles: str) -> None:
     walkers = Walkers.at(family, u, v)
     np.testing.assert_allclose(walkers.log_density - jacobian, joint.log_density(x), rtol=1e-8)
     if joint.populations:
-        after = joint.log_dependence(family.shared_to_physical(family.refreshed(u, v, rng))[0], L[0])
+        (new,) = family.refreshed(u, D, np.moveaxis(v, 0, 1), rng.random((len(u), family.chances)))
+        after = joint.log_dependence(family.shared_to_physical(new)[0], L[0])
         before = joint.log_dependence(D, L[0])
         error = np.hypot(before.std(), after.std()) / np.sqrt(len(x))
         assert after.mean() == pytest.approx(before.mean(), abs=4.5 * error)

@@ -58,7 +58,7 @@ def test_a_population_is_integrated_at_any_spread(make: MakeStudy, roles: str, c
     D = family.shared_from_physical(x)
     for g, law in enumerate(laws.locals):
         L, level = law.sample(D, inner, rng)
-        weights = np.exp(family.log_population(g, np.repeat(x, inner, axis=0), L) - level)
+        weights = np.exp(family.log_population(g, np.repeat(x, inner, axis=0), L)[0] - level)
         each = weights.reshape(n, inner).mean(axis=1)
         assert each.mean() == pytest.approx(1.0, abs=4.5 * each.std() / np.sqrt(n))
         assert each.std() < 1.5

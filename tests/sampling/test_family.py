@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.random import Generator
-from scipy.special import logsumexp
+from scipy.special import logsumexp, ndtri
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
@@ -60,37 +60,42 @@ class Linear:
         """They are taken as they are."""
         return D, self.log_prior(D)
 
-    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> FloatArray:
+    def log_population(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray]:
         """Of a_g and b_g."""
-        return log_population(L[:, 0], S[:, 1], np.exp(S[:, 2]), FREE) + _normal(L[:, 1], 0.0, 1.0)
+        return (log_population(L[:, 0], S[:, 1], np.exp(S[:, 2]), FREE) + _normal(L[:, 1], 0.0, 1.0),)
 
     def terms(self, group: int, S: FloatArray, L: FloatArray) -> tuple[FloatArray, FloatArray]:
         """The same, and the likelihood."""
         first, second = L[:, 0] + S[:, 0], 0.5 * L[:, 0] + L[:, 1] - S[:, 0]
         one, two = self.y[group]
         likelihood = _normal(first, one, self.sd) + _normal(second, two, self.sd)
-        return self.log_population(group, S, L), likelihood
+        return self.log_population(group, S, L)[0], likelihood
 
     def rescaled(self, group: int, S: FloatArray, L: FloatArray, new: FloatArray) -> tuple[FloatArray, FloatArray]:
         """a_g with its distance from m in units of τ held; b_g as it is."""
         moved = new[:, 1] + np.exp(new[:, 2] - S[:, 2]) * (L[:, 0] - S[:, 1])
         return np.column_stack([moved, L[:, 1]]), new[:, 2] - S[:, 2]
 
-    def refreshed(self, D: FloatArray, L: FloatArray, rng: Generator) -> FloatArray:
+    @property
+    def chances(self) -> int:
+        """Three for each step."""
+        return 18
+
+    def refreshed(self, D: FloatArray, S: FloatArray, L: FloatArray, chance: FloatArray) -> tuple[FloatArray]:
         """A few random-walk steps of m and log τ given the locals."""
         D = D.copy()
 
         def level(at: FloatArray) -> FloatArray:
             return self.log_prior(at) + sum(
-                (self.log_population(g, at, L[g]) for g in range(self.groups)), start=np.zeros(len(at))
+                (self.log_population(g, at, L[:, g])[0] for g in range(self.groups)), start=np.zeros(len(at))
             )
 
-        for _ in range(6):
+        for one, two, three in chance.T.reshape(6, 3, len(D)):
             new = D.copy()
-            new[:, 1:] += rng.standard_normal((len(D), 2)) * np.array([0.3, 0.6])
-            taken = np.log(rng.random(len(D))) < level(new) - level(D)
+            new[:, 1:] += ndtri(np.column_stack([one, two])) * np.array([0.3, 0.6])
+            taken = np.log(three) < level(new) - level(D)
             D[taken] = new[taken]
-        return D
+        return (D,)
 
     def start(self, n: int, rng: Generator) -> tuple[FloatArray, FloatArray]:
         """Draws of the prior, drivers (n, 3) and locals (groups, n, 2)."""
@@ -153,7 +158,7 @@ def started(family: Linear, seed: int) -> PooledEnsemble:
 def test_moves_have_the_exact_posterior() -> None:
     """Where the groups have one value, so that the spread piles up at zero: the hard case."""
     family = simulated(4, 0.0, 0.2, 3)
-    D, L, accepted = run_together(warmed_up([started(family, e) for e in range(4)], (20, 40, 80)), 150)
+    D, L, accepted = run_together(warmed_up([started(family, e) for e in range(4)], (20, 40, 80)), 300)
     own = np.moveaxis(L, 2, 3).reshape(*D.shape[:3], -1)
     chains = np.concatenate([D[..., :2], np.exp(D[..., 2:]), own], axis=3)
     mean, sd, _ = family.exact()
