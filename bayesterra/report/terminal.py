@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 from markupsafe import Markup
@@ -86,7 +86,8 @@ def task_bar(stage: str, tasks: str, *, show: bool) -> Iterator[Callable[[str, i
     console = PlainConsole(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"))
     silent = not (show and console.is_terminal)
-    with Bar(*columns, console=console, disable=silent, transient=True) as bar:
+    bar = Bar(*columns, console=console, disable=silent, transient=True)
+    with nullcontext() if silent else bar:  # rich before 14.3 ends a line also for a bar that is not shown
         task = bar.add_task(stage, total=1.0, figures="")
 
         def update(stage: str, done: int, of: int, left: float | None, remark: str) -> None:

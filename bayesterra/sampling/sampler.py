@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import repeat
@@ -394,7 +394,8 @@ def progress_bar(status: Status, *, quiet: bool) -> Iterator[Callable[[Progress]
 
     columns = (TextColumn("{task.description:<11}"), BarColumn(), TextColumn("{task.fields[figures]}"))
     silent = quiet or not sys.stderr.isatty()
-    with Bar(*columns, console=PlainConsole(stderr=True), disable=silent, transient=True) as bar:
+    bar = Bar(*columns, console=PlainConsole(stderr=True), disable=silent, transient=True)
+    with nullcontext() if silent else bar:  # see task_bar
         task = bar.add_task("reading", total=1.0, figures="")
 
         def update(progress: Progress) -> None:
