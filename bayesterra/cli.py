@@ -3,8 +3,6 @@
 Imports that take long stand inside the commands, so that help and version come at once.
 """
 
-from __future__ import annotations
-
 import logging
 import sys
 from functools import partial
@@ -94,7 +92,7 @@ def _options(
         context.with_resource(allowing_code())
 
 
-def show(result: AnalysisResult, folder: Path | None, *, converged: bool = True) -> None:
+def show(result: "AnalysisResult", folder: Path | None, *, converged: bool = True) -> None:
     """Print a result in short, and where it is saved; exit code 3 where it has not converged."""
     from bayesterra.report import terminal
 

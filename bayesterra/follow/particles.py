@@ -1,7 +1,5 @@
 """Weighted particles: reweighting by a row, and moves that spread a resampled cloud again."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -34,7 +32,7 @@ class Particles:
     log_weights: FloatArray  # (n,), summing to one as weights
 
     @classmethod
-    def even(cls, x: FloatArray, log_likelihood: FloatArray) -> Particles:
+    def even(cls, x: FloatArray, log_likelihood: FloatArray) -> "Particles":
         """Particles of equal weight."""
         return cls(x, log_likelihood, np.full(len(x), -np.log(len(x))))
 
@@ -56,13 +54,13 @@ class Particles:
         """Monte Carlo variance of the log mean of the weights that particles have come to hold."""
         return 1.0 / self.effective - 1.0 / len(self)
 
-    def weighed(self, log_terms: FloatArray) -> tuple[Particles, float]:
+    def weighed(self, log_terms: FloatArray) -> "tuple[Particles, float]":
         """The particles with log factors (n,) taken into its weights, and the log of their weighted mean."""
         log_weights = self.log_weights + log_terms
         total = float(logsumexp(log_weights))
         return replace(self, log_weights=log_weights - total), total
 
-    def take(self, keep: BoolArray) -> Particles:
+    def take(self, keep: BoolArray) -> "Particles":
         """Some of the particles, weights as they stand."""
         return Particles(self.x[keep], self.log_likelihood[keep], self.log_weights[keep])
 
@@ -90,11 +88,11 @@ class Learned:
     particles: Particles  # particles of the posterior of all rows
     log_predictive: float  # log density of the row's readings given the earlier rows; all constants included
     variance: float  # Monte Carlo variance of the log evidence that the resamplings of this row settled
-    rejuvenations: tuple[Rejuvenation, ...]  # one for every resampling
+    rejuvenations: "tuple[Rejuvenation, ...]"  # one for every resampling
 
 
 def learn(
-    particles: Particles, levels: Callable[[], Levels], newest: FloatArray, before: FloatArray, rng: Generator
+    particles: Particles, levels: "Callable[[], Levels]", newest: FloatArray, before: FloatArray, rng: Generator
 ) -> Learned:
     """Take a row into the particles (iterated batch importance sampling, Chopin 2002, with tempering).
 
@@ -173,7 +171,7 @@ class Levels:
     group: str  # the newest row's
 
     @classmethod
-    def of(cls, study: Study, rows: Rows) -> Levels:
+    def of(cls, study: Study, rows: "Rows") -> "Levels":
         """Levels of all rows, of which the last is the newest."""
         last = len(rows) - 1
         newest, whole = rows.between(last, last + 1), whole_of(study, rows.first())
@@ -252,7 +250,7 @@ class _Points:
         return total
 
     @classmethod
-    def at(cls, v: FloatArray, proposal: Proposal, levels: Levels) -> _Points:
+    def at(cls, v: FloatArray, proposal: Proposal, levels: Levels) -> "_Points":
         """Points of the target at straight coordinates (n, d)."""
         u, bent = proposal.transport_map.forward(v)
         x, log_jacobian = levels.coordinates.to_physical(u)

@@ -1,7 +1,5 @@
 """Stream: a study or an earlier result, then row after row; and its state on disk."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -182,7 +180,7 @@ class Stream(AnalysisResult):
         """The summary."""
         return {"summary": self.summary}
 
-    def overview(self) -> Overview:
+    def overview(self) -> "Overview":
         """The parameters, the evidence, and whether the soil has changed."""
         from bayesterra.follow.page import followed_overview
         from bayesterra.follow.session import FollowedStream
@@ -292,7 +290,7 @@ class Stream(AnalysisResult):
             vars(self.watch).update(watch)
             raise
 
-    def restarted(self, since: int) -> Stream:
+    def restarted(self, since: int) -> "Stream":
         """A stream on another soil, from the prior: the rows from number ``since`` on belong to it already.
 
         Raises

@@ -1,7 +1,5 @@
 """A model held at the conditions of a table, and derived quantities that tell a driver something."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -47,7 +45,7 @@ class Outcomes:
         """Values (n, m, channels) of some channels in their order."""
         return self.values[:, :, [self.names.index(name) for name in names]]
 
-    def take(self, chosen: IntArray | slice) -> Outcomes:
+    def take(self, chosen: IntArray | slice) -> "Outcomes":
         """Those of some parameter sets, also repeatedly."""
         return Outcomes(self.names, self.values[chosen], self.status[chosen])
 
@@ -100,7 +98,7 @@ class Forward:
     times: int = 1
 
     @classmethod
-    def of(cls, model: ForwardModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> Forward:
+    def of(cls, model: ForwardModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> "Forward":
         """Hold ``model`` at the rows of ``observations``, whose sinkages are readings.
 
         With a latent load that is the one that a row knows best.
@@ -149,7 +147,7 @@ class Forward:
         return Nodes.of(self.model, self.conditions, self.given, self.times)
 
     @cached_property
-    def finer(self) -> Forward:
+    def finer(self) -> "Forward":
         """The same with more nodes, for soils that bend; then with none."""
         return replace(self, times=FINER * self.times)
 
@@ -223,20 +221,20 @@ class Forward:
         for width in np.unique(self.conditions.width):
             yield self.conditions.width == width, model_columns(soil_at(soil, float(width)), self.model)
 
-    def at_slip(self, slip: FloatArray) -> Forward:
+    def at_slip(self, slip: FloatArray) -> "Forward":
         """The same rows at other slips (m,)."""
         return replace(self, conditions=replace(self.conditions, slip=slip))
 
-    def at_load(self, load: FloatArray | float) -> Forward:
+    def at_load(self, load: FloatArray | float) -> "Forward":
         """The same rows under other loads, one for all, (m,) or (n, m)."""
         shape = np.broadcast_shapes(np.shape(load), self.given.shape)
         return replace(self, given=np.broadcast_to(load, shape))
 
-    def row(self, i: int) -> Forward:
+    def row(self, i: int) -> "Forward":
         """The same model at row ``i`` only."""
         return self.rows(np.arange(len(self.conditions.slip)) == i)
 
-    def rows(self, chosen: BoolArray) -> Forward:
+    def rows(self, chosen: BoolArray) -> "Forward":
         """The same model at some rows (m,) only."""
         return replace(self, conditions=take(self.conditions, chosen), given=self.given[..., chosen])
 

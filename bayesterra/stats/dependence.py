@@ -6,8 +6,6 @@ law, and Φ(z_i) is the probability below y_i by the mixture's own marginal. A s
 copula. Conditional laws are mixtures too.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,10 +36,10 @@ class Dependence(Protocol):
         A score moves with its own independent one and those before it: its law given the scores before it.
         """
 
-    def marginal(self, at: Sequence[int]) -> Dependence:
+    def marginal(self, at: Sequence[int]) -> "Dependence":
         """Dependence of some of the scores, in the order of ``at``."""
 
-    def split(self, shared: int) -> Split:
+    def split(self, shared: int) -> "Split":
         """The same with the first ``shared`` scores common to groups and the others each group's own."""
         return Split(self, shared)
 
@@ -68,11 +66,11 @@ class GaussianCopula:
         precision = np.asarray(np.linalg.inv(self.correlation))
         return -(z @ (precision - np.eye(len(precision)))), precision
 
-    def marginal(self, at: Sequence[int]) -> GaussianCopula:
+    def marginal(self, at: Sequence[int]) -> "GaussianCopula":
         """See :class:`Dependence`."""
         return GaussianCopula(self.correlation[np.ix_(at, at)])
 
-    def split(self, shared: int) -> GaussianSplit:
+    def split(self, shared: int) -> "GaussianSplit":
         """See :class:`Dependence`."""
         return GaussianSplit(self, shared)
 
@@ -111,7 +109,7 @@ class JoinedDependence(Dependence):
             scores[:, rest] = dependence.completed(given[:, first], normal[:, rest])
         return scores
 
-    def marginal(self, at: Sequence[int]) -> JoinedDependence:
+    def marginal(self, at: Sequence[int]) -> "JoinedDependence":
         """See :class:`Dependence`."""
         sets = []
         for own, dependence in self.sets:
@@ -274,7 +272,7 @@ class MixtureCopula(Dependence):
         return StudentMixture(weights / weights.sum(), np.array(self.means), factors, np.inf)
 
     @cached_property
-    def _marginals(self) -> list[_Line]:
+    def _marginals(self) -> "list[_Line]":
         """Marginal laws of the latent values."""
         mixture, logs = self._mixture, np.log(self._mixture.weights)[None]
         sds = np.sqrt(np.einsum("kii->ki", np.array(self.covariances)))
@@ -346,13 +344,13 @@ class MixtureCopula(Dependence):
         kept = (directions * np.maximum(values, 0.0)[:, None, :]) @ directions.swapaxes(1, 2)
         return (slope - first) * stretch, kept
 
-    def marginal(self, at: Sequence[int]) -> MixtureCopula:
+    def marginal(self, at: Sequence[int]) -> "MixtureCopula":
         """See :class:`Dependence`."""
         means, covariances = np.array(self.means)[:, at], np.array(self.covariances)[:, at][:, :, at]
         return MixtureCopula.of(np.array(self.weights), means, covariances)
 
     @classmethod
-    def of(cls, weights: FloatArray, means: FloatArray, covariances: FloatArray) -> MixtureCopula:
+    def of(cls, weights: FloatArray, means: FloatArray, covariances: FloatArray) -> "MixtureCopula":
         """The same from arrays (k,), (k, d) and (k, d, d)."""
         return cls(
             tuple(weights.tolist()),

@@ -1,7 +1,5 @@
 """The parts of a study put together: prior, wheels, what the drive conditions on, noise of the outcomes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -47,7 +45,7 @@ class StatedSoil:
     entries: SoilPrior  # laws, fixed values and ties of all soil parameters
     correlation: Mapping[str, float]  # of normal scores, by pair
     mixtures: Mapping[str, MixtureCopula]  # of normal scores, by parameters
-    taken: tuple[PosteriorPrior, ...]  # joint laws from earlier results, whose single laws stand among the entries
+    taken: "tuple[PosteriorPrior, ...]"  # joint laws from earlier results, whose single laws stand among the entries
     notes: tuple[str, ...]  # what was filled in, and what to keep in mind
     reference: float = 1.0  # sinkage (m) with which laws of the moduli are stated, as of ``Prior``
     exponent: str = "n"  # name of the exponent there
@@ -122,7 +120,7 @@ def _needed(entries: SoilPrior, model: str | OwnModel) -> tuple[str, ...]:
     return needed
 
 
-def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> tuple[PosteriorPrior, ...]:
+def _taken(stated: StatedPriors, entries: SoilPrior, idle: set[str]) -> "tuple[PosteriorPrior, ...]":
     """Joint laws from earlier results of what has use for them: not of the ``idle`` parameters."""
     if not stated.sources:
         return ()

@@ -1,7 +1,5 @@
 """Canonical form of a study: written out in full as TOML, and all that a run depends on by name."""
 
-from __future__ import annotations
-
 import json
 import platform
 import re
@@ -38,7 +36,7 @@ if TYPE_CHECKING:
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
-def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> str:
+def simulated_toml(study: "Study", *, truth: Mapping[str, float], source: str) -> str:
     """The study file of simulated measurements that stand in ``measurements.csv`` beside it.
 
     ``truth`` are SI values of the parameters that they were made with, ``source`` says how. Slip and sinkage
@@ -49,7 +47,7 @@ def simulated_toml(study: Study, *, truth: Mapping[str, float], source: str) -> 
     return _file({"title": title, "soil": study.soil}, ("simulated", source), tables(study), truth_table)
 
 
-def write_study(study: Study, folder: Path) -> None:
+def write_study(study: "Study", folder: Path) -> None:
     """Write a study as ``study.toml`` and ``measurements.csv``, such that reading them gives it back."""
     references = {name: _reference(reference) for name, reference in study.references.items()}
     text = _file({"title": study.title, **study.described}, (study.kind, study.source), tables(study), references)
@@ -59,13 +57,13 @@ def write_study(study: Study, folder: Path) -> None:
     write_readings(study, folder)
 
 
-def write_readings(study: Study, folder: Path) -> None:
+def write_readings(study: "Study", folder: Path) -> None:
     """Write the readings of the soil tests of a study, each series into its file."""
     for test in study.soil_tests.values():
         write_text(folder / test.file, csv_text(test.table))
 
 
-def tables(study: Study) -> dict[str, Any]:
+def tables(study: "Study") -> dict[str, Any]:
     """Keys and tables of a study file in full, as plain values with units, without texts and references.
 
     The one plain form of a study: written as TOML, hashed as its fingerprint, compared when a run goes on.
@@ -106,7 +104,7 @@ OF_THE_TABLE = ("notes", "labels", "limits", "headings", "form")
 """What of the rows does not count for their fingerprint, or apart."""
 
 
-def fingerprint(study: Study) -> dict[str, str]:
+def fingerprint(study: "Study") -> dict[str, str]:
     """SHA-256 of what the results depend on: ``study`` (all but text and sampling options), ``data``."""
     content = {name: value for name, value in _sourceless(tables(study)).items() if name != "sampling"}
     named = (field.name for field in fields(Observations) if field.name not in OF_THE_TABLE)
@@ -182,7 +180,7 @@ def _pooling(pooling: Pooling) -> dict[str, object]:
     return {**named, **({"hierarchical": hierarchical} if hierarchical else {})}
 
 
-def _least_squares(study: Study) -> dict[str, object]:
+def _least_squares(study: "Study") -> dict[str, object]:
     options: dict[str, object] = {}
     for name, option in asdict(study.least_squares).items():
         values = {key: _value(key, v) for key, v in option.items()} if isinstance(option, dict) else option
@@ -259,7 +257,7 @@ LIBRARIES = ("numpy", "scipy", "numba", "emcee", "arviz-stats")
 """Libraries whose arithmetic the draws, or the moment when sampling stops, depend on."""
 
 
-def identity(study: Study, seed: int) -> dict[str, Any]:
+def identity(study: "Study", seed: int) -> dict[str, Any]:
     """Everything that must be the same for a run to go on, by name.
 
     Names hold ``{}`` where their value stands in a sentence; without it the value follows.

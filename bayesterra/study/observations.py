@@ -1,7 +1,5 @@
 """Tables of measurements: CSV or DataFrame in, checked arrays in SI out."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -66,19 +64,19 @@ class Observations:
     notes: tuple[str, ...] = ()
     labels: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     limits: Mapping[str, FloatArray] = field(default_factory=dict)
-    headings: tuple[Heading, ...] = ()
+    headings: "tuple[Heading, ...]" = ()
     form: str = ""
 
     def __len__(self) -> int:
         return len(self.rows)
 
     @classmethod
-    def none(cls) -> Observations:
+    def none(cls) -> "Observations":
         """No rows: of a study without wheels."""
         empty = frozen(np.empty(0))
         return cls((), empty, empty, {}, {}, frozen(np.empty(0), np.bool_), ())
 
-    def used(self) -> Observations:
+    def used(self) -> "Observations":
         """Only the rows that take part in the fit."""
         return self.take(self.use)
 
@@ -117,7 +115,7 @@ class Observations:
         words = np.where(self.limited(name), np.where(beyond, ">", "<"), "")
         return tuple(words.tolist())
 
-    def numbers(self) -> Observations:
+    def numbers(self) -> "Observations":
         """The same without the readings that are known by a limit only."""
         values = {name: np.where(self.limited(name), np.nan, column) for name, column in self.values.items()}
         return replace(self, values=values, limits={})
@@ -131,7 +129,7 @@ class Observations:
             raise StudyError(f"[pooling] column '{by}' is not in the table (columns that may group: {names})")
         return self.labels[by]
 
-    def followed_by(self, rows: Observations) -> Observations:
+    def followed_by(self, rows: "Observations") -> "Observations":
         """These rows and then others; readings and labels that only one of the two has are empty there."""
         n, empty = len(rows), ("",) * len(rows)
 
@@ -154,7 +152,7 @@ class Observations:
             limits=limits,
         )  # fmt: skip
 
-    def take(self, keep: BoolArray) -> Observations:
+    def take(self, keep: BoolArray) -> "Observations":
         """Only the rows where ``keep`` (m,) holds."""
         return replace(
             self, wheel=tuple(np.array(self.wheel, dtype=object)[keep]), slip=frozen(self.slip[keep]),
@@ -229,7 +227,7 @@ class Column:
         """The cells as SI numbers, NaN where empty."""
         return self._numbers(self.cells)
 
-    def heading(self) -> Heading:
+    def heading(self) -> "Heading":
         """How the column was understood: its unit, and its readings as they were typed."""
         if self.name in ("wheel", "test", *LABELS):
             return Heading(self.header, self.name, "names", ", ".join(dict.fromkeys(map(str, self.cells))))

@@ -1,8 +1,6 @@
 """Results of commands, and of a run: labelled draws, tables with typed rows, the record of their making."""
 # ruff: noqa: UP013 (a line for each kind of entry reads better than a class)
 
-from __future__ import annotations
-
 import platform
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
@@ -63,12 +61,12 @@ class AnalysisResult(ABC):
         """Content of the JSON file."""
         return {}
 
-    def page(self) -> VerdictPage:
+    def page(self) -> "VerdictPage":
         """The page, with what could not be made of it."""
         page: VerdictPage = resolve_name(f"{self.VIEW}_page")(self)
         return page
 
-    def overview(self) -> Overview:
+    def overview(self) -> "Overview":
         """The result in short, for a terminal and a notebook."""
         overview: Overview = resolve_name(f"{self.VIEW}_overview")(self)
         return overview
@@ -236,11 +234,11 @@ class Result(DrawnResult):
         """Names of the groups of a joint posterior."""
         return ()
 
-    def by_group(self) -> dict[str, Result]:
+    def by_group(self) -> "dict[str, Result]":
         """Result of every group by name; without groups the result itself, under no name."""
         return {group: self.of_group(group) if group else self for group in self.groups or ("",)}
 
-    def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> Result:
+    def of_group(self, group: str | None = None, *, wheel: str = "", seed: int = 1) -> "Result":
         """Result of one group of a joint posterior, see ``PooledResult``; without groups the result itself.
 
         Raises

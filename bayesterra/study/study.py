@@ -1,7 +1,5 @@
 """A study: measurements, wheels, model, noise and prior, checked and in SI units; the input of everything."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import asdict, dataclass, fields, replace
@@ -92,7 +90,7 @@ class Study:
     errors: ModelErrors
     prior: Prior
     soil_tests: Mapping[str, SoilTest]
-    taken: tuple[PosteriorPrior, ...]
+    taken: "tuple[PosteriorPrior, ...]"
     least_squares: LeastSquaresOptions
     published: Reference | None
     truth: Reference | None
@@ -150,7 +148,7 @@ class Study:
         stated = {"published": self.published, "truth": self.truth}
         return {name: reference for name, reference in stated.items() if reference is not None}
 
-    def with_data(self, values: Mapping[str, FloatArray]) -> Study:
+    def with_data(self, values: Mapping[str, FloatArray]) -> "Study":
         """The same study with other outcomes: simulated ones, say.
 
         Parameters
@@ -163,17 +161,17 @@ class Study:
         merged = {**self.observations.values, **{name: frozen(column) for name, column in values.items()}}
         return self.with_rows(replace(self.observations, values=merged))
 
-    def with_stresses(self, stresses: Mapping[str, FloatArray]) -> Study:
+    def with_stresses(self, stresses: Mapping[str, FloatArray]) -> "Study":
         """The same study with other answers (m,) of the soil in its soil tests, by name: simulated ones, say."""
         return self.having(
             soil_tests={name: test.with_stress(stresses[name]) for name, test in self.soil_tests.items()}
         )
 
-    def with_use(self, use: BoolArray) -> Study:
+    def with_use(self, use: BoolArray) -> "Study":
         """The same study with the rows in the fit where ``use`` (m,) holds, and no others."""
         return self.with_rows(replace(self.observations, use=frozen(np.asarray(use), np.bool_)))
 
-    def with_rows(self, rows: Observations) -> Study:
+    def with_rows(self, rows: Observations) -> "Study":
         """The same study with other rows, which hold what its drive conditions on and the same channels."""
         return self.having(observations=rows)
 
@@ -188,20 +186,20 @@ class Study:
         given = self.observations.used().given_sd
         return any(n.law is None or not np.isnan(given[name]).all() for name, n in self.noise.items())
 
-    def with_noise(self, factor: float) -> Study:
+    def with_noise(self, factor: float) -> "Study":
         """The same study with all stated noise times ``factor``; estimated noise as it is."""
         given = {name: frozen(factor * sd) for name, sd in self.observations.given_sd.items()}
         noise = {name: each.scaled(factor) for name, each in self.noise.items()}
         return self.having(noise=noise, observations=replace(self.observations, given_sd=given))
 
-    def having(self, **attributes: Any) -> Study:
+    def having(self, **attributes: Any) -> "Study":
         """The same study with other attributes, which are taken as they are."""
         other = copy(self)
         for name, value in attributes.items():
             object.__setattr__(other, name, value)
         return other
 
-    def of_group(self, group: str | None) -> Study:
+    def of_group(self, group: str | None) -> "Study":
         """The study without groups, of the rows and wheels of one of them; of all rows for None."""
         stated = {
             name: replace(reference, values=values_of_group(reference.values, group))
@@ -213,7 +211,7 @@ class Study:
         wheels = {name: wheel for name, wheel in self.wheels.items() if name in rows.wheel}
         return self.having(pooling=None, wheels=wheels, observations=replace(rows, notes=()), **stated)
 
-    def by_group(self) -> dict[str, Study]:
+    def by_group(self) -> "dict[str, Study]":
         """Each group of rows in the fit as a study of its own; the study itself, without a name, if none."""
         if self.pooling is None:
             return {"": self}
