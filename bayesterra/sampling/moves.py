@@ -21,6 +21,7 @@ Ensembles share nothing but the calls of their family: for some tens of walkers 
 as for one, so sweeps of several ensembles stop where they ask, and one call answers them all.
 """
 
+import json
 from collections import Counter
 from collections.abc import Callable, Sequence
 from collections.abc import Generator as Stops
@@ -34,6 +35,7 @@ from numpy.typing import NDArray
 
 from bayesterra.arrays import BoolArray, FloatArray, IntArray
 from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
+from bayesterra.runtime.reading import parsed_json
 from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
@@ -313,52 +315,27 @@ def _answer(moves: Sequence[Move]) -> None:
                 del asked[number]
 
 
-_WORD = 2**64
-
-
 @dataclass(frozen=True)
 class JointState:
     """State of an ensemble: all that its next sweep depends on."""
 
     laws: Laws
     walkers: Walkers
-    words: NDArray[np.uint64]  # state and increment of its generator, a PCG64, low word first (4,)
-    has_half: int  # whether half a word is left over
-    half: int  # the one left over
-    kinds: NDArray[np.uint8]  # names of moves, one per line, as bytes
-    accepted: FloatArray  # moves of each kind so far
-    tried: FloatArray  # likewise
+    record: NDArray[np.uint8]  # JSON of its generator's state and of its counts, as bytes
 
     @classmethod
     def of(cls, ensemble: PooledEnsemble) -> "JointState":
         """Read off where an ensemble stands."""
-        state = ensemble.rng.bit_generator.state
-        numbers = (state["state"]["state"], state["state"]["inc"])
-        words = [part for number in numbers for part in (number % _WORD, number // _WORD)]
-        tried = ensemble.counts.tried
-        return cls(
-            ensemble.laws, ensemble.walkers, np.array(words, dtype=np.uint64), int(state["has_uint32"]),
-            int(state["uinteger"]), np.frombuffer("\n".join(tried).encode(), dtype=np.uint8),
-            np.array([ensemble.counts.accepted[kind] for kind in tried], dtype=float),
-            np.array(list(tried.values()), dtype=float),
-        )  # fmt: skip
+        record = {"generator": ensemble.rng.bit_generator.state, **vars(ensemble.counts)}
+        return cls(ensemble.laws, ensemble.walkers, np.frombuffer(json.dumps(record).encode(), dtype=np.uint8))
 
     def ensemble(self, family: Family) -> PooledEnsemble:
         """The ensemble that stands there."""
-        low, high, inc_low, inc_high = (int(word) for word in self.words)
-        bits = PCG64()
-        bits.state = {
-            "bit_generator": "PCG64",
-            "state": {"state": low + _WORD * high, "inc": inc_low + _WORD * inc_high},
-            "has_uint32": self.has_half,
-            "uinteger": self.half,
-        }
-        kinds = bytes(self.kinds).decode().splitlines()
-        accepted, tried = (
-            Counter(dict(zip(kinds, map(int, moves), strict=True))) for moves in (self.accepted, self.tried)
-        )
+        record, bits = parsed_json(bytes(self.record).decode()), PCG64()
+        bits.state = record["generator"]
+        counts = Counts(Counter(record["accepted"]), Counter(record["tried"]))
         walkers = deepcopy(self.walkers)  # the ensemble moves on, this stays
-        return PooledEnsemble(family, self.laws, walkers, Generator(bits), Counts(accepted, tried))
+        return PooledEnsemble(family, self.laws, walkers, Generator(bits), counts)
 
 
 @dataclass(frozen=True)
