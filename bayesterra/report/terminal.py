@@ -1,6 +1,7 @@
 """The terminal: a console that shows text as text, notes, and bars of what is under way."""
 
 import re
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from typing import Any
@@ -83,18 +84,21 @@ def task_bar(stage: str, tasks: str, *, show: bool) -> Iterator[Callable[[str, i
 
     It is told the stage, how many tasks of how many are done, the seconds left, and a remark.
     """
-    console = PlainConsole(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"))
-    silent = not (show and console.is_terminal)
-    bar = Bar(*columns, console=console, disable=silent, transient=True)
+    with shown_bar(stage, show=show) as tell:
+        yield lambda stage, done, of, left, remark: tell(
+            stage, done / of, f"{done} of {of} {tasks}{remark}{_in_words(left)}"
+        )
+
+
+@contextmanager
+def shown_bar(stage: str, *, show: bool) -> Iterator[Callable[[str, float, str], None]]:
+    """A bar on standard error, on a terminal and with ``show`` only; it is told the stage, the share done, figures."""
+    silent = not (show and sys.stderr.isatty())
+    columns = (TextColumn("{task.description:<11}"), BarColumn(), TextColumn("{task.fields[figures]}"))
+    bar = Bar(*columns, console=PlainConsole(stderr=True), disable=silent, transient=True)
     with nullcontext() if silent else bar:  # rich before 14.3 ends a line also for a bar that is not shown
         task = bar.add_task(stage, total=1.0, figures="")
-
-        def update(stage: str, done: int, of: int, left: float | None, remark: str) -> None:
-            figures = f"{done} of {of} {tasks}{remark}{_in_words(left)}"
-            bar.update(task, description=stage, completed=done / of, figures=figures)
-
-        yield update
+        yield lambda stage, done, figures: bar.update(task, description=stage, completed=done, figures=figures)
 
 
 def _in_words(left: float | None) -> str:

@@ -1,11 +1,10 @@
 """Several independent ensembles, run in fixed rounds until the diagnosis is satisfied."""
 
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from itertools import repeat
@@ -387,20 +386,13 @@ def of_samples(samples: Samples, every: int) -> dict[str, Any]:
 @contextmanager
 def progress_bar(status: Status, *, quiet: bool) -> Iterator[Callable[[Progress], None]]:
     """A progress bar on standard error, on a terminal and unless ``quiet``; what it is told is noted too."""
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import Progress as Bar
+    from bayesterra.report.terminal import shown_bar
 
-    from bayesterra.report.terminal import PlainConsole
-
-    columns = (TextColumn("{task.description:<11}"), BarColumn(), TextColumn("{task.fields[figures]}"))
-    silent = quiet or not sys.stderr.isatty()
-    bar = Bar(*columns, console=PlainConsole(stderr=True), disable=silent, transient=True)
-    with nullcontext() if silent else bar:  # see task_bar
-        task = bar.add_task("reading", total=1.0, figures="")
+    with shown_bar("reading", show=not quiet) as tell:
 
         def update(progress: Progress) -> None:
             progress.note_in(status)
-            bar.update(task, description=progress.stage, completed=progress.done, figures=_figures(progress))
+            tell(progress.stage, progress.done, _figures(progress))
 
         with told_of_compiling(lambda name: update(Progress("compiling", 0.0))):
             yield update
