@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import repeat
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
@@ -156,11 +155,10 @@ def sample_joint(
         _, ensembles = load_or_make_segment(checkpoint_store, "joint-begun", family, adapting)
         adapted = time.perf_counter()
         chains, acceptance, diagnosis, ensembles = _produced(family, ensembles, options, pool, report, checkpoint_store)
-    accepted, tried = Counter[str](), Counter[str]()
-    for ensemble in ensembles:
-        accepted.update(ensemble.counts.accepted)
-        tried.update(ensemble.counts.tried)
-    moves = Counts(accepted, tried).shares
+    moves = Counts(
+        sum((ensemble.counts.accepted for ensemble in ensembles), Counter()),
+        sum((ensemble.counts.tried for ensemble in ensembles), Counter()),
+    ).shares
     seconds = {
         "groups alone": apart - started,
         "adaptation": adapted - apart,
@@ -189,71 +187,40 @@ def _produced(
     checkpoint_store: CheckpointStore,
 ) -> tuple[FloatArray, FloatArray, Diagnosis, list[PooledEnsemble]]:
     """Rounds of sweeps until the diagnosis passes; walkers in far tails have laws fitted anew after ``PATIENCE``."""
-    kept, since, refits = _Kept(), time.perf_counter(), 0
-    number = 0
+    kept, since, number, refits, steps = list[JointSegment](), time.perf_counter(), 0, 0, 0
     while True:
         number += 1
-        length = min(ROUND_SWEEPS, options.max_steps - kept.steps)
+        length = min(ROUND_SWEEPS, options.max_steps - steps)
         segment, ensembles = load_or_make_segment(
             checkpoint_store, f"joint-round-{number:04d}", family, partial(JointSegment.of, ensembles, length)
         )
-        kept.physical.append(np.array(list(map(_physical, repeat(family), segment.D, segment.L))))
-        kept.shares.append(segment.share)
-        if refits < REFITS:
-            kept.coordinates.append((segment.D, segment.L))
-        going_on = kept.steps < options.max_steps
-        refitting = refits < REFITS and kept.steps >= PATIENCE * 2**refits
+        kept.append(segment)
+        steps += length
+        going_on = steps < options.max_steps
+        refitting = refits < REFITS and steps >= PATIENCE * 2**refits
         if going_on and not refitting and not is_diagnosed(number):
             continue
-        chains = np.concatenate(kept.physical, axis=1)
-        diagnosis = diagnose(family.joint.names, chains, kept.accepted, options.target_ess, going_on=going_on)
+        chains = np.concatenate([_physical(family, each) for each in kept], axis=1)
+        accepted = np.average([each.share for each in kept], axis=0, weights=[each.D.shape[1] for each in kept])
+        diagnosis = diagnose(family.joint.names, chains, accepted, options.target_ess, going_on=going_on)
         done = min(1.0, diagnosis.ess / options.target_ess)
         elapsed = time.perf_counter() - since
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
         if diagnosis.converged or not going_on:
-            return chains, kept.accepted, diagnosis, ensembles
+            return chains, accepted, diagnosis, ensembles
         if refitting:
             report(Progress("sampling", done, diagnosis, step="fitting laws anew"))
-            ensembles = list(pool.map(refitted, ensembles, *kept.found))
-            kept, refits = _Kept(), refits + 1
+            D, L = (np.concatenate(of, axis=1) for of in zip(*((each.D, each.L) for each in kept), strict=True))
+            ensembles = list(pool.map(refitted, ensembles, D, L))
+            kept, refits, steps = [], refits + 1, 0
 
 
-@dataclass(frozen=True)
-class _Kept:
-    """Rounds of a production: parameters (ensembles, steps, walkers, d), accepted shares, and coordinates."""
-
-    physical: list[FloatArray] = field(default_factory=list)
-    shares: list[FloatArray] = field(default_factory=list)
-    coordinates: list[tuple[FloatArray, FloatArray]] = field(default_factory=list)
-
-    @property
-    def steps(self) -> int:
-        return sum(chains.shape[1] for chains in self.physical)
-
-    @property
-    def accepted(self) -> FloatArray:
-        """Accepted shares (ensembles, walkers) of all rounds."""
-        lengths = [chains.shape[1] for chains in self.physical]
-        return np.average(self.shares, axis=0, weights=lengths)
-
-    @property
-    def found(self) -> tuple[FloatArray, FloatArray]:
-        """Shared values, and locals, of all rounds by ensemble."""
-        D, L = (np.concatenate(parts, axis=1) for parts in zip(*self.coordinates, strict=True))
-        return D, L
-
-
-def _physical(family: JointFamily, D: FloatArray, L: FloatArray) -> FloatArray:
-    """Physical parameters (steps, w, d) of shared values (steps, w, k) and locals (steps, groups, w, d)."""
+def _physical(family: JointFamily, segment: JointSegment) -> FloatArray:
+    """Physical parameters (ensembles, sweeps, w, d) of a segment."""
+    D, L = segment.D, segment.L
     shared = family.shared_to_physical(D.reshape(-1, D.shape[-1]))[0].reshape(D.shape)
-    own = np.stack(
-        [
-            family.group_to_physical(g, L[:, g].reshape(-1, L.shape[-1]))[0].reshape(*D.shape[:2], -1)
-            for g in range(family.groups)
-        ],
-        axis=2,
-    )
-    return family.joint.joined(shared, own)
+    each = [family.group_to_physical(g, L[:, :, g].reshape(-1, L.shape[-1]))[0] for g in range(family.groups)]
+    return family.joint.joined(shared, np.stack(each, axis=1).reshape(*D.shape[:3], family.groups, -1))
 
 
 def starting_points(
