@@ -1,9 +1,10 @@
 """Degrees of pooling: complete, as stated, none; and evidence that a parameter is one value of the soil.
 
 The posterior of other roles begins with the groups' own: what groups share is drawn from the product of their
-laws of it, the rest of each group from its law given that. Walkers move from there, and laws are fitted to
-where they went. Fresh draws of these laws are weighed, which no fit has seen. Draws weighed alone would not
-do: of a hundred that have weight no law of eight parameters of a group can be fitted.
+laws of it, the rest of each group from its law given that. Laws are fitted to these draws, and fresh draws of
+the laws are weighed, which no fit has seen. Groups that agree are done then; where the weights are uneven
+walkers move from there, and laws are fitted to where they went. Draws weighed alone would not do there: of a
+hundred that have weight no law of eight parameters of a group can be fitted.
 
 Three studies are compared that differ in the role of one parameter (or of c and φ together) and in nothing
 else: one value for all groups, a value of each group under the parameter's own prior, and values of each
@@ -19,7 +20,7 @@ Asked of the groups alone, all other parameters are each group's own. That leave
 moves together, such as K and φ, hides differences. Asked as stated, all others have their roles in the study.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -43,8 +44,17 @@ from bayesterra.pooling.evidence import (
 )
 from bayesterra.sampling.evidence import Evidence, summed
 from bayesterra.sampling.family import JointFamily
-from bayesterra.sampling.joint import JointSamples, begun, fit_laws, group_coordinates, starting_points, warmed_up
-from bayesterra.sampling.moves import PooledEnsemble, Walkers, run_together
+from bayesterra.sampling.joint import (
+    JointDraws,
+    JointSamples,
+    begun,
+    flattened,
+    group_coordinates,
+    refitted,
+    starting_points,
+    warmed_up,
+)
+from bayesterra.sampling.moves import Laws, Walkers, run_together
 from bayesterra.sampling.sampler import Samples
 from bayesterra.stats.mixture import log_mean
 from bayesterra.study.groups import Population
@@ -95,25 +105,20 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
     ``chains`` are draws of each group's own posterior, physical (ensembles, steps, walkers, parameters).
     """
     family, count = JointFamily(joint), len(next(iter(chains.values())))
-    ensembles: list[PooledEnsemble] = []
+    starts: list[JointDraws] = []
     alone: list[Draws] = []
     evidence: Evidence | None = None
     with threadpool_limits(limits=1):
         for e in range(REPEATS):
             some = {name: _some(chain[e % count], rng) for name, chain in chains.items()}
             D, L = starting_points(family, some, rng)
-            if np.isfinite(Walkers.at(family, D, L).log_density).sum() < FEWEST:
+            inside = np.isfinite(Walkers.at(family, D, L).log_density)
+            if inside.sum() < FEWEST:
                 return UNKNOWN
+            starts.append((D[inside], L[:, inside]))
             alone.append([group_coordinates(family, g, x, rng) for g, x in enumerate(some.values())])
-            ensembles.append(begun(family, D, L, WALKERS, rng))
-        ensembles = warmed_up(ensembles, WARM_UPS)
-        for sweeps in SWEEPS:
-            laws: list[OuterLaws] = []
-            went = run_together(ensembles, sweeps)
-            for ensemble, apart, at, own in zip(ensembles, alone, *went[:2], strict=True):  # fitted to where it went
-                D, L = at.reshape(-1, at.shape[-1]), np.moveaxis(own, 1, 0).reshape(family.groups, -1, own.shape[-1])
-                ensemble.laws = fit_laws(family, D, L, rng)
-                laws.append(outer_laws(family, ensemble.laws, apart, D, L, rng))
+        for found in _found(family, starts, rng):
+            laws = [outer_laws(family, own, apart, *at, rng) for apart, (own, at) in zip(alone, found, strict=True)]
             evidence = _evidence(family, laws, rng)
             if evidence is not None and evidence.reliable and evidence.error < SURE:
                 break
@@ -123,6 +128,19 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
         return UNKNOWN
     error = float(np.hypot(evidence.error, share.error))
     return Level(evidence.log_z - share.whole, error, evidence.reliable)
+
+
+def _found(
+    family: JointFamily, starts: Sequence[JointDraws], rng: Generator
+) -> Iterator[list[tuple[Laws, JointDraws]]]:
+    """Laws of every adaptation and the draws they are fitted to: those to start from, then where walkers went."""
+    ensembles = [begun(family, *start, WALKERS, rng) for start in starts]
+    yield [(ensemble.laws, start) for ensemble, start in zip(ensembles, starts, strict=True)]
+    ensembles = warmed_up(ensembles, WARM_UPS)
+    for sweeps in SWEEPS:
+        D, L, _ = run_together(ensembles, sweeps)
+        ensembles = list(map(refitted, ensembles, D, L))
+        yield [(ensemble.laws, flattened(*went)) for ensemble, *went in zip(ensembles, D, L, strict=True)]
 
 
 def _some(chain: FloatArray, rng: Generator) -> FloatArray:

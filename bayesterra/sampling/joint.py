@@ -293,6 +293,16 @@ def _common(family: JointFamily, laws: list[ConditionalLaw], candidates: FloatAr
     return np.asarray(candidates[chosen] + jitter * rng.standard_normal((STARTS, k)))
 
 
+JointDraws = tuple[FloatArray, FloatArray]
+"""Shared values (n, k) and locals (groups, n, d)."""
+
+
+def flattened(D: FloatArray, L: FloatArray) -> JointDraws:
+    """Draws of sweeps, (sweeps, w, k) and (sweeps, groups, w, d), one after another."""
+    flat = D.reshape(-1, D.shape[-1])
+    return flat, np.moveaxis(L, 1, 0).reshape(L.shape[1], len(flat), -1)
+
+
 FITTED = 8192
 """Most draws that laws are fitted to."""
 FEWEST, MOST, DRAWS_PER_COMPONENT = 8, 16, 500
@@ -341,7 +351,5 @@ def warmed_up(
 
 def refitted(ensemble: PooledEnsemble, D: FloatArray, L: FloatArray) -> PooledEnsemble:
     """The ensemble where it stands, its laws fitted to draws (sweeps, w, k), (sweeps, groups, w, d) of it."""
-    flat = D.reshape(-1, D.shape[-1])
-    own = np.moveaxis(L, 1, 0).reshape(ensemble.family.groups, len(flat), -1)
-    laws = fit_laws(ensemble.family, flat, own, ensemble.rng)
+    laws = fit_laws(ensemble.family, *flattened(D, L), ensemble.rng)
     return PooledEnsemble(ensemble.family, laws, ensemble.walkers, ensemble.rng)
