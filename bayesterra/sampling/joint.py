@@ -2,7 +2,6 @@
 
 import os
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -34,7 +33,7 @@ from bayesterra.stats.diagnostics import Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.study.schema import SamplingOptions
 
-ROUND_SWEEPS = 200
+ROUND_SWEEPS = 100
 STARTS = 2048
 """Points that every ensemble fits its first laws to."""
 START_SHARE = 0.05
@@ -155,10 +154,7 @@ def sample_joint(
         _, ensembles = load_or_make_segment(checkpoint_store, "joint-begun", family, adapting)
         adapted = time.perf_counter()
         chains, acceptance, diagnosis, ensembles = _produced(family, ensembles, options, pool, report, checkpoint_store)
-    moves = Counts(
-        sum((ensemble.counts.accepted for ensemble in ensembles), Counter()),
-        sum((ensemble.counts.tried for ensemble in ensembles), Counter()),
-    ).shares
+    moves = Counts.of(ensembles).shares
     seconds = {
         "groups alone": apart - started,
         "adaptation": adapted - apart,
@@ -303,6 +299,8 @@ def flattened(D: FloatArray, L: FloatArray) -> JointDraws:
     return flat, np.moveaxis(L, 1, 0).reshape(L.shape[1], len(flat), -1)
 
 
+LOST, ENOUGH = 10, 0.3
+"""Sweeps of a warm-up that no law is fitted to; accepted share of values proposed anew that makes laws good enough."""
 FITTED = 8192
 """Most draws that laws are fitted to."""
 FEWEST, MOST, DRAWS_PER_COMPONENT = 8, 16, 500
@@ -338,14 +336,19 @@ def warmed_up(
 
     Parameters
     ----------
-    warm_ups : sweeps of each warm-up, of which the second half is used.
+    warm_ups : sweeps of each warm-up, of which the first ``LOST`` tell of the start. Those that are left are not
+        taken once ``ENOUGH`` of what is proposed anew is accepted.
     watch : told what is at work, step by step.
     each : ``map``, or that of some threads.
     """
     for sweeps in warm_ups:
         watch(f"pilot run of {sweeps} sweeps")
         D, L, _ = run_together(ensembles, sweeps)
-        ensembles = list(each(refitted, ensembles, D[:, sweeps // 2 :], L[:, sweeps // 2 :]))
+        enough = Counts.of(ensembles).anew >= ENOUGH
+        lost = min(LOST, sweeps // 2)
+        ensembles = list(each(refitted, ensembles, D[:, lost:], L[:, lost:]))
+        if enough:
+            break
     return list(ensembles)
 
 

@@ -39,8 +39,6 @@ from bayesterra.runtime.reading import parsed_json
 from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
-INDEPENDENT_DRIVERS = 8
-"""Most shared values that are also proposed afresh all at once."""
 HELD_SHARE = 0.25
 """Share of sweeps with a move of the shared parameters that holds the locals."""
 
@@ -141,6 +139,17 @@ class Counts:
         self.accepted[kind] += int(taken.sum())
         self.tried[kind] += taken.size
 
+    @classmethod
+    def of(cls, ensembles: Sequence["PooledEnsemble"]) -> "Counts":
+        """Moves of all ensembles."""
+        parts = [(ensemble.counts.accepted, ensemble.counts.tried) for ensemble in ensembles]
+        return cls(*(sum(part, Counter()) for part in zip(*parts, strict=True)))
+
+    @property
+    def anew(self) -> float:
+        """Least accepted share of values that are proposed anew."""
+        return min(share for kind, share in self.shares.items() if kind.endswith("anew"))
+
     @property
     def shares(self) -> dict[str, float]:
         """Accepted share by kind."""
@@ -175,10 +184,9 @@ class PooledEnsemble:
             for g in range(self.family.groups):
                 (w.population[g],) = yield self.family.log_population, (g,), (self._S, w.L[g])
         k, law = w.D.shape[1], self.laws.drivers
-        if k <= INDEPENDENT_DRIVERS:  # propose all shared values from their law, the locals carried along
-            new = law.sample(len(w.D), self.rng)
-            log_ratio = law.log_density(w.D) - law.log_density(new)
-            yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
+        new = law.sample(len(w.D), self.rng)
+        log_ratio = law.log_density(w.D) - law.log_density(new)
+        yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
         for half in self._halves():
             yield from self._shared_by_differences(tuple(range(k)), *half)
         blocks = [block for block in self.family.blocks if 0 < len(block) < k]
