@@ -17,7 +17,7 @@ from numpy.random import Generator
 
 from bayesterra.arrays import FloatArray
 from bayesterra.stats import mixture as mixtures
-from bayesterra.stats.transport import Proposal, fit_proposal
+from bayesterra.stats.transport import Proposal, TransportMap, fit_proposal
 
 Densities = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Sampling coordinates (n, d) in; log prior and log likelihood out, (n,) each."""
@@ -277,50 +277,52 @@ def add_components(
         return proposal
     straight, share = proposal.transport_map, SHARE / components
     mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
-    points = _Points.of(proposal, mixture, evaluated.u, evaluated.level)
+    places = _Places(straight, mixture.dof, len(evaluated.u) + components * draws)
+    places.add(evaluated.u, evaluated.level, mixture)
     for _ in range(components):
-        component = points.component()
+        component = places.component()
         weights, means = np.append(mixture.weights, share), np.vstack([mixture.means, component.means])
         factors = np.concatenate([mixture.factors, component.factors])
         mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
+        places.grow(component, share)
         u, _ = straight.forward(component.sample(draws, rng))
-        fresh = _Points.of(proposal, mixture, u, evaluated.log_target(u))
-        grown = np.logaddexp(points.log_proposal, np.log(share) + component.log_density(points.v))
-        points = replace(points, log_proposal=grown).joined(fresh)
+        places.add(u, evaluated.log_target(u), mixture)
     return Proposal(straight, mixture)
 
 
-@dataclass(frozen=True)
-class _Points:
-    """Straight coordinates (n, d), log target in these and log density of the growing mixture there (n,)."""
+class _Places:
+    """Evaluated points, in straight coordinates, with the log density of a growing mixture; room for so many."""
 
-    v: FloatArray
-    log_target: FloatArray
-    log_proposal: FloatArray
-    dof: float
+    def __init__(self, straight: TransportMap, dof: float, room: int) -> None:
+        self._straight, self._dof, self._n = straight, dof, 0
+        self._v = np.empty((room, len(straight.centre)))
+        self._log_target, self._log_proposal = np.empty(room), np.empty(room)
 
-    @classmethod
-    def of(cls, proposal: Proposal, mixture: mixtures.StudentMixture, u: FloatArray, log_p: FloatArray) -> "_Points":
-        v, log_jacobian = proposal.transport_map.inverse(u)
+    def add(self, u: FloatArray, log_p: FloatArray, mixture: mixtures.StudentMixture) -> None:
+        """Take in points (n, d) where the target has log density ``log_p`` (n,)."""
+        v, log_jacobian = self._straight.inverse(u)
         level = log_p + log_jacobian
         inside = np.isfinite(level) & np.isfinite(v).all(axis=1)
-        return cls(v[inside], level[inside], mixture.log_density(v[inside]), mixture.dof)
+        start, self._n = self._n, self._n + int(inside.sum())
+        new, v = slice(start, self._n), v[inside]
+        self._v[new], self._log_target[new], self._log_proposal[new] = v, level[inside], mixture.log_density(v)
+        if not start:
+            self._spread = v.std(axis=0) + 1e-300
+
+    def grow(self, component: mixtures.StudentMixture, share: float) -> None:
+        """Add a component to the mixture."""
+        now = self._log_proposal[: self._n]
+        np.logaddexp(now, np.log(share) + component.log_density(self._v[: self._n]), out=now)
 
     def component(self) -> mixtures.StudentMixture:
         """A component about the point of greatest weight, as wide as the weighted points next to it."""
-        log_weights = self.log_target - self.log_proposal
-        centre = self.v[np.argmax(log_weights)]
-        spread = self.v.std(axis=0) + 1e-300
-        distances = (((self.v - centre) / spread) ** 2).sum(axis=1)
-        near = np.argsort(distances, kind="stable")[:NEIGHBOURS]
+        v, log_weights = self._v[: self._n], self._log_target[: self._n] - self._log_proposal[: self._n]
+        centre = v[np.argmax(log_weights)]
+        away = (v - centre) / self._spread
+        near = np.argpartition(np.einsum("ij,ij->i", away, away), min(NEIGHBOURS, self._n) - 1)[:NEIGHBOURS]
         weights = np.exp(log_weights[near] - log_weights[near].max())
         weights = 0.5 * weights / weights.sum() + 0.5 / len(near)
-        offsets = self.v[near] - centre
-        covariance = (offsets * weights[:, None]).T @ offsets + 1e-9 * np.diag(spread**2)
+        offsets = v[near] - centre
+        covariance = (offsets * weights[:, None]).T @ offsets + 1e-9 * np.diag(self._spread**2)
         factor = WIDENING * mixtures.root(covariance)
-        return mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self.dof)
-
-    def joined(self, more: "_Points") -> "_Points":
-        parts = ((self.v, more.v), (self.log_target, more.log_target), (self.log_proposal, more.log_proposal))
-        v, log_target, log_proposal = (np.concatenate(part) for part in parts)
-        return _Points(v, log_target, log_proposal, self.dof)
+        return mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self._dof)

@@ -13,7 +13,7 @@ from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.sampling.coordinates import LEAVING, Block, Coordinates, Logarithm, NormalScore, coordinates
 from bayesterra.stats.laws import Law, log_population
 from bayesterra.stats.mixture import StudentMixture, fit_mixture, with_defensive_component
-from bayesterra.stats.transport import TransportMap, fit_transport_map
+from bayesterra.stats.transport import STEPS, TransportMap, fit_transport_map
 from bayesterra.study.priors import Entry, Prior
 
 SLICES, TRIES = 2, 60
@@ -263,9 +263,8 @@ class ConditionalLaw:
     def sample(self, others: FloatArray, rng: Generator) -> tuple[FloatArray, FloatArray]:
         """One point for each row of ``others``, (n, d), and its log density (n,)."""
         k, at, of = self.given, self._standard(others), self.mixture
-        distances = self._marginal.distances(at)
-        terms = self._marginal.log_terms(distances)
-        shares = np.cumsum(np.exp(terms - terms.max(axis=1, keepdims=True)), axis=1)
+        _, each, distances = self._marginal.weighed(at)
+        shares = np.cumsum(each, axis=1)
         chosen = (shares < rng.random((len(at), 1)) * shares[:, -1:]).sum(axis=1)
         white = np.einsum("nij,nj->ni", self._inverses[chosen], at - of.means[chosen, :k])
         factors, dof = of.factors[chosen], of.dof + k
@@ -292,5 +291,5 @@ def fit_conditional(
     scales = np.concatenate([np.ones(others.shape[1]), widths])
     transport_map = fit_transport_map(u, weights, scales, others.shape[1])
     v, _ = transport_map.inverse(u)
-    mixture = with_defensive_component(fit_mixture(v, weights, components, rng), v, weights, DEFENCE)
+    mixture = with_defensive_component(fit_mixture(v, weights, components, rng, steps=STEPS), v, weights, DEFENCE)
     return ConditionalLaw(transport_map, mixture, others.shape[1])

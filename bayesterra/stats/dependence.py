@@ -327,8 +327,7 @@ class MixtureCopula(Dependence):
         """
         z = np.clip(z, -FARTHEST, FARTHEST)
         y, mixture = self._latent(z), self._mixture
-        terms = mixture.log_terms(mixture.distances(y))
-        share = np.exp(terms - _log_sum(terms)[:, None])
+        _, share, _ = mixture.weighed(y)
         precisions = np.linalg.inv(np.array(self.covariances))
         pulls = -np.einsum("kij,nkj->nki", precisions, y[:, None] - mixture.means)
         slope = np.einsum("nk,nki->ni", share, pulls)

@@ -3,6 +3,7 @@
 Mixtures are of multivariate Student-t or normal laws: density, draws, weighted fits.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -112,16 +113,34 @@ def pareto_limit(draws: int) -> float:
     return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
 
 
-@compiled
-def squared(points: FloatArray, inverse: FloatArray, offsets: FloatArray, out: FloatArray) -> None:
-    """Fill ``out`` (n, k) with squared lengths of L⁻¹ u − offset for points (n, d).
+LEAST = 1e-250
 
-    ``inverse`` (d, d, k) holds the lower triangles L⁻¹ of all components, ``offsets`` is (d, k).
+
+@compiled
+def weigh(
+    points: FloatArray,
+    inverse: FloatArray,
+    offsets: FloatArray,
+    constants: FloatArray,
+    dof: float,
+    distances: FloatArray,
+    shares: FloatArray,
+    level: FloatArray,
+) -> None:
+    """Fill ``level`` (n,) with the log density of points (n, d) under a mixture of k laws.
+
+    ``distances`` and ``shares`` (n, k) are filled with the squared lengths of L⁻¹ u − offset and with the part
+    of each law in the density; of one row, they are scratch. ``inverse`` (d, d, k) holds the lower triangles
+    L⁻¹, ``offsets`` is (d, k), ``constants`` (k,) are log densities in the middle, weights included.
     """
     d, k = offsets.shape
-    white = np.empty(k)
+    half, last, top = 0.5 * (dof + d), len(shares) - 1, constants.max()
+    whole = int(half) if dof < np.inf and half - int(half) in (0.0, 0.5) else 0  # a power takes products alone
+    white, base, part = np.empty(k), np.empty(k), np.exp(constants - top)
     for row in range(points.shape[0]):
-        out[row, :] = 0.0
+        at = min(row, last)
+        length, share = distances[at], shares[at]
+        length[:] = 0.0
         for a in range(d):
             for c in range(k):
                 white[c] = -offsets[a, c]
@@ -130,7 +149,30 @@ def squared(points: FloatArray, inverse: FloatArray, offsets: FloatArray, out: F
                 for c in range(k):
                     white[c] += inverse[a, b, c] * value
             for c in range(k):
-                out[row, c] += white[c] * white[c]
+                length[c] += white[c] * white[c]
+        total = 0.0
+        if whole:
+            for c in range(k):
+                base[c] = 1.0 / (1.0 + length[c] / dof)
+                share[c] = part[c] * math.sqrt(base[c]) if whole < half else part[c]
+            power = whole
+            while power:
+                for c in range(k):
+                    share[c] *= base[c] if power % 2 else 1.0
+                    base[c] *= base[c]
+                power //= 2
+            total = share.sum()
+        peak = top
+        if not total > LEAST:  # too far away for numbers that are no logarithms
+            for c in range(k):
+                share[c] = constants[c] - (half * math.log1p(length[c] / dof) if dof < np.inf else 0.5 * length[c])
+            peak = share.max()
+            for c in range(k):
+                share[c] = math.exp(share[c] - peak) if peak > -np.inf else 0.0
+            total = share.sum()
+        level[row] = peak + math.log(total) if total > 0.0 else peak
+        for c in range(k):
+            share[c] /= total if total > 0.0 else 1.0
 
 
 RandomSource = Generator | RandomState
@@ -170,23 +212,19 @@ class StudentMixture:
         triangles: FloatArray = np.ascontiguousarray(np.moveaxis(inverse, 0, -1), dtype=np.float64)
         return triangles, np.ascontiguousarray(offsets), np.log(self.weights) + constants - log_det
 
-    def distances(self, u: FloatArray) -> FloatArray:
-        """Squared Mahalanobis distance of points (n, d) from every component, (n, k)."""
-        inverse, offsets, _ = self._whitening
-        out = np.empty((len(u), len(self.weights)))
-        squared(np.ascontiguousarray(u, dtype=np.float64), inverse, offsets, out)
-        return out
-
-    def log_terms(self, distances: FloatArray) -> FloatArray:
-        """Log of weight times density of every component at given squared distances, (n, k)."""
-        d = self.means.shape[1]
-        if np.isinf(self.dof):
-            return np.asarray(self._whitening[2] - 0.5 * distances)
-        return np.asarray(self._whitening[2] - 0.5 * (self.dof + d) * np.log1p(distances / self.dof))
+    def weighed(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Log density (n,) at points (n, d), each component's share (n, k) in it, and its squared distance (n, k)."""
+        return self._weighed(u, len(u))
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
-        return _shares(self.log_terms(self.distances(u)))[0]
+        return self._weighed(u, 1)[0]
+
+    def _weighed(self, u: FloatArray, kept: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        level, shares = np.empty(len(u)), np.empty((kept, len(self.weights)))
+        distances = np.empty_like(shares)
+        weigh(np.ascontiguousarray(u, dtype=np.float64), *self._whitening, float(self.dof), distances, shares, level)
+        return level, shares, distances
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points (n, d)."""
@@ -197,16 +235,6 @@ class StudentMixture:
         normal = random.standard_normal((n, d))
         steps = np.einsum("nij,nj->ni", self.factors[chosen], normal)
         return np.asarray(self.means[chosen] + stretch[:, None] * steps)
-
-
-def _shares(terms: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Log of the sum (n,) of exponentials of terms (n, k), and the share of each in it (n, k)."""
-    peak = terms.max(axis=1, keepdims=True)
-    peak = np.where(np.isfinite(peak), peak, 0.0)
-    share = np.exp(terms - peak)
-    total = share.sum(axis=1, keepdims=True)
-    with np.errstate(divide="ignore"):
-        return (peak + np.log(total))[:, 0], share / np.maximum(total, 1e-300)
 
 
 def fit_mixture(
@@ -243,8 +271,7 @@ def fit_mixture(
     factors = np.repeat(root(points.spread)[None] * components ** (-1.0 / u.shape[1]), components, axis=0)
     mixture, level = StudentMixture(np.full(components, 1.0 / components), means, factors, dof), -np.inf
     for _ in range(steps):
-        distances = mixture.distances(points.z)
-        total, share = _shares(mixture.log_terms(distances))
+        total, share, distances = mixture.weighed(points.z)
         new_level = float(weights @ total)
         if new_level - level < gain:
             break

@@ -199,11 +199,15 @@ class Proposal:
         return self.mixture.log_density(v) - log_jacobian
 
 
+STEPS = 12
+"""Steps of a proposal's fit: after more of them it is no better to draw from."""
+
+
 def fit_proposal(
     u: FloatArray, weights: FloatArray, widths: FloatArray, components: int, defensive_weight: float, rng: Generator
 ) -> Proposal:
     """Straighten weighted points (n, d), fit a mixture to them and add a wide component."""
     transport_map = fit_transport_map(u, weights, widths)
     straight, _ = transport_map.inverse(u)
-    mixture = fit_mixture(straight, weights, components, rng)
+    mixture = fit_mixture(straight, weights, components, rng, steps=STEPS)
     return Proposal(transport_map, with_defensive_component(mixture, straight, weights, defensive_weight))
