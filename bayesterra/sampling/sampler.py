@@ -30,7 +30,9 @@ from bayesterra.stats.transport import TransportMap
 from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
-ROUND_STEPS = 200
+ROUND_STEPS = 100
+BRIEF = 2e-3
+"""Seconds of a call for all walkers below which threads wait for each other longer than they work side by side."""
 DENSE_ROUNDS = 20
 """Rounds n of which twice as many are all diagnosed, then every second up to 3n, every third up to 4n, and so on."""
 
@@ -315,9 +317,12 @@ class _Task:
     def _round(self, number: int, length: int, walks: list[RunningEnsemble], pool: Executor) -> None:
         """Let all ensembles take a round, or follow the one in the checkpoint store."""
         ensembles = [walk.ensemble for walk in walks]
+        started = time.perf_counter()
+        ensembles[0].drift()
+        each = map if time.perf_counter() - started < BRIEF else pool.map
 
         def taken() -> SamplingRound:
-            return SamplingRound(tuple(pool.map(Ensemble.segment, ensembles, repeat(length))), self.clock.elapsed())
+            return SamplingRound(tuple(each(Ensemble.segment, ensembles, repeat(length))), self.clock.elapsed())
 
         saved = self.checkpoint_store.holds(name := f"round-{number:04d}")
         taken_or_saved = load_or_compute(self.checkpoint_store, name, SamplingRound, taken)
