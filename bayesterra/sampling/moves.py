@@ -39,8 +39,8 @@ from bayesterra.runtime.reading import parsed_json
 from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
-HELD_SHARE = 0.25
-"""Share of sweeps with a move of the shared parameters that holds the locals."""
+NEAR, HELD_SHARE = 3, 0.25
+"""One sweep in so many moves along differences, too; the share of these that moves what is shared, locals held."""
 
 Locals = Literal["carried", "held", "standardised"]
 """Treatment of the locals in a move of shared values: keep their straight coordinates, their values, or their
@@ -170,11 +170,11 @@ class PooledEnsemble:
         self.moved = np.zeros(len(self.walkers.D))  # moves of groups' locals from their law, by walker
         self._S = self.family.placed(self.walkers.D)[0]  # moves with the walkers
 
-    def sweep(self) -> Move:
-        """Move everything once."""
+    def sweep(self, *, near: bool) -> Move:
+        """Move everything once; with ``near``, also along differences of other walkers."""
         for g in range(self.family.groups):
             yield from self._anew(g)
-            for half in self._halves():
+            for half in self._halves() if near else ():
                 yield from self._by_differences(g, *half)
         w = self.walkers
         if len(self.family.blocks) > 1:  # move what the likelihood does not see
@@ -183,10 +183,16 @@ class PooledEnsemble:
             self._S, w.prior = yield self.family.placed, (), (w.D,)
             for g in range(self.family.groups):
                 (w.population[g],) = yield self.family.log_population, (g,), (self._S, w.L[g])
-        k, law = w.D.shape[1], self.laws.drivers
+        law = self.laws.drivers  # propose all shared values from their law, the locals carried along
         new = law.sample(len(w.D), self.rng)
         log_ratio = law.log_density(w.D) - law.log_density(new)
         yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
+        if near:
+            yield from self._drivers_by_differences()
+
+    def _drivers_by_differences(self) -> Move:
+        """Move shared values along differences: all, those of a block, and with the locals held."""
+        k = self.walkers.D.shape[1]
         for half in self._halves():
             yield from self._shared_by_differences(tuple(range(k)), *half)
         blocks = [block for block in self.family.blocks if 0 < len(block) < k]
@@ -302,7 +308,7 @@ def run_together(ensembles: Sequence[PooledEnsemble], sweeps: int) -> tuple[Floa
     for ensemble in ensembles:
         ensemble.moved[:] = 0.0
     for i in range(sweeps):
-        _answer([ensemble.sweep() for ensemble in ensembles])
+        _answer([ensemble.sweep(near=i % NEAR == 0) for ensemble in ensembles])
         for e, ensemble in enumerate(ensembles):
             D[e, i], L[e, i] = ensemble.walkers.D, ensemble.walkers.L
     return D, L, np.array([ensemble.moved for ensemble in ensembles]) / max(sweeps * len(first.L), 1)
