@@ -63,8 +63,8 @@ WALKERS, STARTS = 128, 2048
 """Walkers of an adaptation, and draws of each group's own posterior, at most, that it begins with."""
 WARM_UPS, SWEEPS = (16, 32), (40, 80, 160, 320, 640)
 """Sweeps of each warm-up, and after them of those that laws are fitted to, more while weights are uneven."""
-OUTER, INNER = 2048, 32
-"""Weighed draws of what groups share, and of each group's own for each of them."""
+FEW, OUTER, INNER = 512, 2048, 32
+"""Weighed draws of what groups share, few at first, and of each group's own for each of them."""
 REPEATS = 2
 """Adaptations that have nothing in common but the study."""
 FEWEST = 100
@@ -119,8 +119,9 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
             alone.append([group_coordinates(family, g, x, rng) for g, x in enumerate(some.values())])
         for found in _found(family, starts, rng):
             laws = [outer_laws(family, own, apart, *at, rng) for apart, (own, at) in zip(alone, found, strict=True)]
-            evidence = _evidence(family, laws, rng)
-            if evidence is not None and evidence.reliable and evidence.error < SURE:
+            evidence = _evidence(family, laws, FEW, rng)
+            evidence = evidence if _is_sure(evidence) else _evidence(family, laws, OUTER, rng)
+            if _is_sure(evidence):
                 break
         with np.errstate(divide="ignore", invalid="ignore"):  # a share of nothing, which no draw hits
             share = joint_shares(joint, rng, outer=SHARE_DRAWS, inner=SHARE_INNER)
@@ -161,9 +162,9 @@ def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: Float
     return np.where(np.isnan(total), -np.inf, total)
 
 
-def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) -> Evidence | None:
+def _evidence(family: JointFamily, laws: Sequence[OuterLaws], draws: int, rng: Generator) -> Evidence | None:
     """Weigh fresh draws against the mixture of all laws; adaptations that disagree add to the error."""
-    each = OUTER // len(laws)
+    each = draws // len(laws)
     D = [law.drivers.sample(each, rng) for law in laws]
     levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]
     pooled = [np.logaddexp.reduce(level, axis=0) - np.log(len(laws)) for level in levels]
@@ -173,6 +174,10 @@ def _evidence(family: JointFamily, laws: Sequence[OuterLaws], rng: Generator) ->
         return None
     own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]
     return summed(weights).beside([float(log_mean(log_weights)) for log_weights in own])
+
+
+def _is_sure(evidence: Evidence | None) -> bool:
+    return evidence is not None and evidence.reliable and evidence.error < SURE
 
 
 COMPLETE, PARTIAL, NONE = "complete", "as stated", "none"

@@ -39,8 +39,9 @@ from bayesterra.runtime.reading import parsed_json
 from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
-NEAR, HELD_SHARE = 3, 0.25
-"""One sweep in so many moves along differences, too; the share of these that moves what is shared, locals held."""
+ANEW, NEAR, HELD_SHARE = 2, 3, 0.25
+"""Proposals of shared values from their law in a sweep; one sweep in so many moves along differences, too; the share of
+these that moves what is shared with the locals held."""
 
 Locals = Literal["carried", "held", "standardised"]
 """Treatment of the locals in a move of shared values: keep their straight coordinates, their values, or their
@@ -183,10 +184,11 @@ class PooledEnsemble:
             self._S, w.prior = yield self.family.placed, (), (w.D,)
             for g in range(self.family.groups):
                 (w.population[g],) = yield self.family.log_population, (g,), (self._S, w.L[g])
-        law = self.laws.drivers  # propose all shared values from their law, the locals carried along
-        new = law.sample(len(w.D), self.rng)
-        log_ratio = law.log_density(w.D) - law.log_density(new)
-        yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
+        law = self.laws.drivers  # all shared values from their law, the locals carried along
+        for _ in range(ANEW):
+            new = law.sample(len(w.D), self.rng)
+            log_ratio = law.log_density(w.D) - law.log_density(new)
+            yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
         if near:
             yield from self._drivers_by_differences()
 

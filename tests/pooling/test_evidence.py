@@ -11,7 +11,7 @@ from numpy.random import default_rng
 
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import draw_joint_prior, joint_posterior
-from bayesterra.pooling.degrees import _evidence
+from bayesterra.pooling.degrees import OUTER, _evidence
 from bayesterra.pooling.evidence import DefendedDrivers, OuterLaws, Weighed, outer_laws
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import fit_laws
@@ -86,8 +86,8 @@ def test_adaptations_that_disagree_are_not_relied_on(make: MakeStudy) -> None:
     L = np.stack([family.group_from_physical(g, x.reshape(-1, 2)[:, 1:]) for g, x in enumerate(chains.values())])
     D = case.chains(1, 4000, rng)["g0"].reshape(-1, 2)[:, :1]
     fitted = [outer_laws(family, fit_laws(family, at, L, rng), [], at, L, rng) for at in (D, D + 8.0 * D.std())]
-    alike = _evidence(family, [fitted[0], fitted[0]], default_rng(1))
-    apart = _evidence(family, fitted, default_rng(1))
+    alike = _evidence(family, [fitted[0], fitted[0]], OUTER, default_rng(1))
+    apart = _evidence(family, fitted, OUTER, default_rng(1))
     assert alike is not None
     assert apart is not None
     assert alike.reliable
