@@ -113,7 +113,8 @@ def pareto_limit(draws: int) -> float:
     return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
 
 
-LEAST = 1e-250
+LEAST, MOST = 1e-250, 1000
+"""Least sum of products, and greatest exponent, beside which logarithms are not needed."""
 
 
 @compiled
@@ -121,26 +122,26 @@ def weigh(
     points: FloatArray,
     inverse: FloatArray,
     offsets: FloatArray,
-    constants: FloatArray,
+    parts: FloatArray,
     dof: float,
+    twice: int,
     distances: FloatArray,
-    shares: FloatArray,
-    level: FloatArray,
+    terms: FloatArray,
+    totals: FloatArray,
 ) -> None:
-    """Fill ``level`` (n,) with the log density of points (n, d) under a mixture of k laws.
+    """Fill ``distances`` (n, k) with squared lengths of L⁻¹ u − offset for points (n, d), ``terms`` with t laws.
 
-    ``distances`` and ``shares`` (n, k) are filled with the squared lengths of L⁻¹ u − offset and with the part
-    of each law in the density; of one row, they are scratch. ``inverse`` (d, d, k) holds the lower triangles
-    L⁻¹, ``offsets`` is (d, k), ``constants`` (k,) are log densities in the middle, weights included.
+    These are parts / (1 + distance / dof)^(twice / 2), products alone, and ``totals`` (n,) are their sums; where
+    ``twice`` is 0 none of both. ``inverse`` (d, d, k) holds the lower triangles L⁻¹ of all components, ``offsets``
+    is (d, k). Of ``distances`` and ``terms`` with one row, only ``totals`` is of use.
     """
     d, k = offsets.shape
-    half, last, top = 0.5 * (dof + d), len(shares) - 1, constants.max()
-    whole = int(half) if dof < np.inf and half - int(half) in (0.0, 0.5) else 0  # a power takes products alone
-    white, base, part = np.empty(k), np.empty(k), np.exp(constants - top)
+    last = distances.shape[0] - 1
+    white, base = np.empty(k), np.empty(k)
     for row in range(points.shape[0]):
         at = min(row, last)
-        length, share = distances[at], shares[at]
-        length[:] = 0.0
+        for c in range(k):
+            distances[at, c] = 0.0
         for a in range(d):
             for c in range(k):
                 white[c] = -offsets[a, c]
@@ -149,30 +150,21 @@ def weigh(
                 for c in range(k):
                     white[c] += inverse[a, b, c] * value
             for c in range(k):
-                length[c] += white[c] * white[c]
-        total = 0.0
-        if whole:
+                distances[at, c] += white[c] * white[c]
+        if twice:
             for c in range(k):
-                base[c] = 1.0 / (1.0 + length[c] / dof)
-                share[c] = part[c] * math.sqrt(base[c]) if whole < half else part[c]
-            power = whole
+                base[c] = 1.0 / (1.0 + distances[at, c] / dof)
+                terms[at, c] = parts[c] * math.sqrt(base[c]) if twice % 2 else parts[c]
+            power = twice // 2
             while power:
                 for c in range(k):
-                    share[c] *= base[c] if power % 2 else 1.0
+                    terms[at, c] *= base[c] if power % 2 else 1.0
                     base[c] *= base[c]
                 power //= 2
-            total = share.sum()
-        peak = top
-        if not total > LEAST:  # too far away for numbers that are no logarithms
+            total = 0.0
             for c in range(k):
-                share[c] = constants[c] - (half * math.log1p(length[c] / dof) if dof < np.inf else 0.5 * length[c])
-            peak = share.max()
-            for c in range(k):
-                share[c] = math.exp(share[c] - peak) if peak > -np.inf else 0.0
-            total = share.sum()
-        level[row] = peak + math.log(total) if total > 0.0 else peak
-        for c in range(k):
-            share[c] /= total if total > 0.0 else 1.0
+                total += terms[at, c]
+            totals[row] = total
 
 
 RandomSource = Generator | RandomState
@@ -214,17 +206,40 @@ class StudentMixture:
 
     def weighed(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log density (n,) at points (n, d), each component's share (n, k) in it, and its squared distance (n, k)."""
-        return self._weighed(u, len(u))
+        level, far, shares, distances = self._summed(u, len(u))
+        if far.size:
+            terms = self._log_terms(distances[far])
+            peak = terms.max(axis=1, keepdims=True)
+            peak = np.where(np.isfinite(peak), peak, 0.0)
+            shares[far] = np.exp(terms - peak)
+            with np.errstate(divide="ignore"):
+                level[far] = peak[:, 0] + np.log(shares[far].sum(axis=1))
+        return level, shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-300), distances
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
-        return self._weighed(u, 1)[0]
+        level, far, _, _ = self._summed(u, 1)
+        if far.size:
+            level[far] = self.weighed(u[far])[0]
+        return level
 
-    def _weighed(self, u: FloatArray, kept: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-        level, shares = np.empty(len(u)), np.empty((kept, len(self.weights)))
-        distances = np.empty_like(shares)
-        weigh(np.ascontiguousarray(u, dtype=np.float64), *self._whitening, float(self.dof), distances, shares, level)
-        return level, shares, distances
+    def _summed(self, u: FloatArray, kept: int) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
+        """Log density (n,), points where only logarithms tell it, and of ``kept`` points each law's part, distance."""
+        inverse, offsets, constants = self._whitening
+        totals, terms, top = np.zeros(len(u)), np.empty((kept, len(constants))), constants.max()
+        distances, twice = np.empty_like(terms), self.dof + len(offsets)
+        products = int(twice) if twice < MOST and twice == int(twice) else 0
+        points = np.ascontiguousarray(u, dtype=np.float64)
+        weigh(points, inverse, offsets, np.exp(constants - top), float(self.dof), products, distances, terms, totals)
+        with np.errstate(divide="ignore"):
+            return top + np.log(totals), np.flatnonzero(~(totals > LEAST)), terms, distances
+
+    def _log_terms(self, distances: FloatArray) -> FloatArray:
+        """Log of weight times density of every component at given squared distances, (n, k)."""
+        d = self.means.shape[1]
+        if np.isinf(self.dof):
+            return np.asarray(self._whitening[2] - 0.5 * distances)
+        return np.asarray(self._whitening[2] - 0.5 * (self.dof + d) * np.log1p(distances / self.dof))
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points (n, d)."""

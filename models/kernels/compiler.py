@@ -1,5 +1,6 @@
 """The one door to numba, so that compiled functions keep their Python types."""
 
+import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -65,7 +66,7 @@ class _Alone(compiler.Compiler):
         self.state.library = library
         self.state.flags.no_cfunc_wrapper = True  # of use to C alone
         compile_with: Any = super().compile_extra
-        with _operations_resolved_once():
+        with _operations_resolved_once(), _no_garbage_collected():
             return compile_with(function)
 
 
@@ -107,6 +108,9 @@ class _Whole(JITCodeLibrary):
 class _Part(JITCodeLibrary):
     """Code for callers to link with; machine code is made of theirs."""
 
+    def _optimize_final_module(self) -> None:
+        """Leave it to the callers, whose code is optimised with all parts in it: once is as fast, to the last bit."""
+
     def _finalize_final_module(self) -> None:
         note_globals: Any = self._finalize_dynamic_globals
         note_globals()
@@ -140,6 +144,18 @@ def _operations_resolved_once() -> Iterator[None]:
         yield
     finally:
         kind.get_call_type = find
+
+
+@contextmanager
+def _no_garbage_collected() -> Iterator[None]:
+    """Let Python not look for garbage among the objects of a compilation: there is none, and they are millions."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
 
 
 def _once_for_all_values(dispatcher: Any) -> Any:

@@ -33,6 +33,37 @@ def test_density_is_the_weighted_sum_of_t_densities() -> None:
     np.testing.assert_allclose(MIXTURE.log_density(points), expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("dof", [3.0, 4.0, 4.5, 2000.0, np.inf])
+def test_shares_and_densities_agree_by_products_and_by_logarithms(dof: float) -> None:
+    """Whether or not a power is one of products, near or so far that none is left: densities, shares, distances."""
+    mixture = StudentMixture(MIXTURE.weights, MIXTURE.means, MIXTURE.factors, dof)
+    points = np.random.default_rng(1).standard_normal((60, 2)) * np.logspace(-1, 120, 60)[:, None]
+    offsets = points[:, None] - mixture.means
+    white = np.einsum("kij,nkj->nki", np.linalg.inv(mixture.factors), offsets)
+    distances = (white**2).sum(axis=2)
+    scale = [np.linalg.slogdet(factor)[1] for factor in mixture.factors]
+    if np.isinf(dof):
+        terms = -0.5 * distances - np.log(2 * np.pi)
+    else:
+        terms = -0.5 * (dof + 2) * np.log1p(distances / dof) - np.log(2 * np.pi)
+    terms = terms - scale + np.log(mixture.weights)
+    expected = logsumexp(terms, axis=1)
+    level, shares, found = mixture.weighed(points)
+    np.testing.assert_allclose(level, expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(mixture.log_density(points), expected, rtol=1e-11, atol=1e-11)
+    np.testing.assert_allclose(shares, np.exp(terms - expected[:, None]), rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(found, distances, rtol=1e-9)
+
+
+def test_densities_beyond_numbers() -> None:
+    """A point beyond all numbers has no density, and one that is no number none that is a number."""
+    points = np.array([[0.0, 1.0], [1e200, 0.0], [np.nan, 0.0]])
+    for density in (MIXTURE.log_density(points), MIXTURE.weighed(points)[0]):
+        assert np.isfinite(density[0])
+        assert density[1] == -np.inf
+        assert np.isnan(density[2])
+
+
 def test_draws_follow_the_density() -> None:
     """Means and covariances of draws are those of the law, and shares those of the weights."""
     draws = MIXTURE.sample(200_000, np.random.default_rng(2))
