@@ -29,7 +29,7 @@ import pandas as pd
 from numpy.random import Generator
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.pooling.evidence import (
     Draws,
@@ -110,7 +110,7 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
     evidence: Evidence | None = None
     with threadpool_limits(limits=1):
         for e in range(REPEATS):
-            some = {name: _some(chain[e % count], rng) for name, chain in chains.items()}
+            some = {name: spaced(np.concatenate(chain[e % count]), STARTS) for name, chain in chains.items()}
             D, L = starting_points(family, some, rng)
             inside = np.isfinite(Walkers.at(family, D, L).log_density)
             if inside.sum() < FEWEST:
@@ -142,11 +142,6 @@ def _found(
         D, L, _ = run_together(ensembles, sweeps)
         ensembles = list(map(refitted, ensembles, D, L))
         yield [(ensemble.laws, flattened(*went)) for ensemble, *went in zip(ensembles, D, L, strict=True)]
-
-
-def _some(chain: FloatArray, rng: Generator) -> FloatArray:
-    flat = chain.reshape(-1, chain.shape[-1])
-    return flat[rng.choice(len(flat), size=min(STARTS, len(flat)), replace=False)]
 
 
 def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator) -> FloatArray:

@@ -207,8 +207,8 @@ def refine(
         weights = np.repeat([1.0, 0.5], [len(chosen), len(u)])
         proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
-    tried = EvaluatedPoints(drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
-    proposal = add_components(proposal, tried, rng, components=options.shores, draws=len(u) // 2)
+    tried = (drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
+    proposal = add_components(proposal, *tried, rng, components=options.shores, draws=len(u) // 2)
     return proposal, efficiency, log_evidence, len(drawn.u)
 
 
@@ -254,22 +254,22 @@ NEIGHBOURS = 200
 WIDENING = 1.3
 
 
-@dataclass(frozen=True)
-class EvaluatedPoints:
-    """A target, and points that cover it."""
-
-    u: FloatArray  # points (n, d)
-    level: FloatArray  # the target's log density there (n,), −inf outside the support
-    log_target: Callable[[FloatArray], FloatArray]  # the log density itself
-
-
 def add_components(
-    proposal: Proposal, evaluated: EvaluatedPoints, rng: Generator, *, components: int, draws: int
+    proposal: Proposal,
+    u: FloatArray,
+    level: FloatArray,
+    log_target: Callable[[FloatArray], FloatArray],
+    rng: Generator,
+    *,
+    components: int,
+    draws: int,
 ) -> Proposal:
     """Add components to a proposal where its importance weights are greatest.
 
     Parameters
     ----------
+    u, level : points (n, d) that cover the target, and its log density there (n,), −inf outside the support.
+    log_target : the log density itself.
     components : number of components to add; 0 adds none.
     draws : draws of each new component, among which the next greatest weight is looked for too.
     """
@@ -277,8 +277,8 @@ def add_components(
         return proposal
     straight, share = proposal.transport_map, SHARE / components
     mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
-    places = _Places(straight, mixture.dof, len(evaluated.u) + components * draws)
-    places.add(evaluated.u, evaluated.level, mixture)
+    places = _Places(straight, mixture.dof, len(u) + components * draws)
+    places.add(u, level, mixture)
     for _ in range(components):
         component = places.component()
         weights, means = np.append(mixture.weights, share), np.vstack([mixture.means, component.means])
@@ -286,7 +286,7 @@ def add_components(
         mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
         places.grow(component, share)
         u, _ = straight.forward(component.sample(draws, rng))
-        places.add(u, evaluated.log_target(u), mixture)
+        places.add(u, log_target(u), mixture)
     return Proposal(straight, mixture)
 
 

@@ -28,34 +28,18 @@ class IndependenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee ships n
 
     def __init__(self, law: ProposalLaw) -> None:
         self.law = law
-        self.forget()
-
-    def forget(self) -> None:
-        """Drop what was proposed for later steps, and what is known of the walkers."""
-        self._steps: list[tuple[FloatArray, FloatArray, FloatArray]] = []
-        self._at, self._level = np.empty((0, 0)), np.empty(0)
+        self.steps: list[tuple[FloatArray, FloatArray, FloatArray]] = []  # points, and log densities of target and law
 
     def propose(self, model: Any, state: Any) -> tuple[Any, np.ndarray[Any, Any]]:
         """Propose, weigh by the law's densities and accept; emcee's ``Move`` protocol."""
-        if not self._steps:
+        if not self.steps:
             u = self.law.sample(AT_ONCE * len(state.coords), model.random)
             parts = (u, model.compute_log_prob_fn(u)[0], self.law.log_density(u))
-            self._steps = list(zip(*(np.split(part, AT_ONCE) for part in parts), strict=True))
-        new, log_prob, level = self._steps.pop()
-        before = self._levels(state.coords)
-        accepted = np.log(model.random.random(len(new))) < before - level + log_prob - state.log_prob
-        self._level = np.where(accepted, level, before)
-        state = self.update(state, emcee.State(new, log_prob=log_prob), accepted)
-        self._at = state.coords.copy()
-        return state, accepted
-
-    def _levels(self, u: FloatArray) -> FloatArray:
-        """Log density of the law at walkers (n, d), of which some stand where they stood at the last call."""
-        if self._at.shape != u.shape:
-            return self.law.log_density(u)
-        level, moved = self._level.copy(), (self._at != u).any(axis=1)
-        level[moved] = self.law.log_density(u[moved])
-        return level
+            self.steps = list(zip(*(np.split(part, AT_ONCE) for part in parts), strict=True))
+        new, log_prob, level = self.steps.pop()
+        hastings = self.law.log_density(state.coords) - level
+        accepted = np.log(model.random.random(len(new))) < hastings + log_prob - state.log_prob
+        return self.update(state, emcee.State(new, log_prob=log_prob), accepted), accepted
 
 
 def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
@@ -149,7 +133,7 @@ class Ensemble:
 
     def _run(self, steps: int, *, keep: bool) -> Any:
         for move in self._anew:
-            move.forget()
+            move.steps.clear()
         return self._sampler.run_mcmc(self._state, steps, store=keep, skip_initial_state_check=True)
 
     @property

@@ -133,15 +133,13 @@ def weigh(
 
     These are parts / (1 + distance / dof)^(twice / 2), products alone, and ``totals`` (n,) are their sums; where
     ``twice`` is 0 none of both. ``inverse`` (d, d, k) holds the lower triangles L⁻¹ of all components, ``offsets``
-    is (d, k). Of ``distances`` and ``terms`` with one row, only ``totals`` is of use.
+    is (d, k).
     """
     d, k = offsets.shape
-    last = distances.shape[0] - 1
     white, base = np.empty(k), np.empty(k)
     for row in range(points.shape[0]):
-        at = min(row, last)
         for c in range(k):
-            distances[at, c] = 0.0
+            distances[row, c] = 0.0
         for a in range(d):
             for c in range(k):
                 white[c] = -offsets[a, c]
@@ -150,20 +148,20 @@ def weigh(
                 for c in range(k):
                     white[c] += inverse[a, b, c] * value
             for c in range(k):
-                distances[at, c] += white[c] * white[c]
+                distances[row, c] += white[c] * white[c]
         if twice:
             for c in range(k):
-                base[c] = 1.0 / (1.0 + distances[at, c] / dof)
-                terms[at, c] = parts[c] * math.sqrt(base[c]) if twice % 2 else parts[c]
+                base[c] = 1.0 / (1.0 + distances[row, c] / dof)
+                terms[row, c] = parts[c] * math.sqrt(base[c]) if twice % 2 else parts[c]
             power = twice // 2
             while power:
                 for c in range(k):
-                    terms[at, c] *= base[c] if power % 2 else 1.0
+                    terms[row, c] *= base[c] if power % 2 else 1.0
                     base[c] *= base[c]
                 power //= 2
             total = 0.0
             for c in range(k):
-                total += terms[at, c]
+                total += terms[row, c]
             totals[row] = total
 
 
@@ -206,33 +204,23 @@ class StudentMixture:
 
     def weighed(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Log density (n,) at points (n, d), each component's share (n, k) in it, and its squared distance (n, k)."""
-        level, far, shares, distances = self._summed(u, len(u))
-        if far.size:
+        inverse, offsets, constants = self._whitening
+        totals, shares, peak = np.zeros(len(u)), np.empty((len(u), len(constants))), np.full(len(u), constants.max())
+        distances, twice = np.empty_like(shares), self.dof + len(offsets)
+        products = int(twice) if twice < MOST and twice == int(twice) else 0
+        points, parts = np.ascontiguousarray(u, dtype=np.float64), np.exp(constants - constants.max())
+        weigh(points, inverse, offsets, parts, float(self.dof), products, distances, shares, totals)
+        if (far := np.flatnonzero(~(totals > LEAST))).size:
             terms = self._log_terms(distances[far])
-            peak = terms.max(axis=1, keepdims=True)
-            peak = np.where(np.isfinite(peak), peak, 0.0)
-            shares[far] = np.exp(terms - peak)
-            with np.errstate(divide="ignore"):
-                level[far] = peak[:, 0] + np.log(shares[far].sum(axis=1))
-        return level, shares / np.maximum(shares.sum(axis=1, keepdims=True), 1e-300), distances
+            peak[far] = np.nan_to_num(terms.max(axis=1), nan=0.0, neginf=0.0)
+            shares[far] = np.exp(terms - peak[far, None])
+            totals[far] = shares[far].sum(axis=1)
+        with np.errstate(divide="ignore"):
+            return peak + np.log(totals), shares / np.maximum(totals, 1e-300)[:, None], distances
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
-        level, far, _, _ = self._summed(u, 1)
-        if far.size:
-            level[far] = self.weighed(u[far])[0]
-        return level
-
-    def _summed(self, u: FloatArray, kept: int) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-        """Log density (n,), points where only logarithms tell it, and of ``kept`` points each law's part, distance."""
-        inverse, offsets, constants = self._whitening
-        totals, terms, top = np.zeros(len(u)), np.empty((kept, len(constants))), constants.max()
-        distances, twice = np.empty_like(terms), self.dof + len(offsets)
-        products = int(twice) if twice < MOST and twice == int(twice) else 0
-        points = np.ascontiguousarray(u, dtype=np.float64)
-        weigh(points, inverse, offsets, np.exp(constants - top), float(self.dof), products, distances, terms, totals)
-        with np.errstate(divide="ignore"):
-            return top + np.log(totals), np.flatnonzero(~(totals > LEAST)), terms, distances
+        return self.weighed(u)[0]
 
     def _log_terms(self, distances: FloatArray) -> FloatArray:
         """Log of weight times density of every component at given squared distances, (n, k)."""

@@ -1,12 +1,14 @@
 """Components added where a proposal is too thin."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.random import default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.adaptation import EvaluatedPoints, add_components
+from bayesterra.sampling.adaptation import add_components
 from bayesterra.stats.mixture import StudentMixture
 from bayesterra.stats.transport import Proposal, TransportMap
 
@@ -33,10 +35,10 @@ def _terms() -> list[int]:
     return [1 + k + k * (k + 1) // 2 + k for k in range(D)]
 
 
-def known(n: int, seed: int = 1) -> EvaluatedPoints:
+def known(n: int, seed: int = 1) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
     """Draws of the thin proposal."""
     u = thin().sample(n, default_rng(seed))
-    return EvaluatedPoints(u, log_target(u), log_target)
+    return u, log_target(u), log_target
 
 
 def log_weights(proposal: Proposal, seed: int = 5) -> FloatArray:
@@ -48,7 +50,7 @@ def log_weights(proposal: Proposal, seed: int = 5) -> FloatArray:
 def test_the_greatest_weights_shrink() -> None:
     """The part that was missed is proposed: a smaller greatest weight, more effective draws."""
     before = log_weights(thin())
-    after = log_weights(add_components(thin(), known(20_000), default_rng(2), components=8, draws=400))
+    after = log_weights(add_components(thin(), *known(20_000), default_rng(2), components=8, draws=400))
     assert np.exp(before.max()) > 50
     assert np.exp(after.max()) < 0.2 * np.exp(before.max())
     shares = [np.exp(w).sum() ** 2 / np.exp(2 * w).sum() / len(w) for w in (before, after)]
@@ -58,7 +60,7 @@ def test_the_greatest_weights_shrink() -> None:
 def test_the_shored_proposal_is_a_density() -> None:
     """Weights of the new proposal average to the integral of the target, with and without components."""
     for components in (0, 8):
-        proposal = add_components(thin(), known(5000), default_rng(2), components=components, draws=200)
+        proposal = add_components(thin(), *known(5000), default_rng(2), components=components, draws=200)
         weights = np.exp(log_weights(proposal))
         error = weights.std() / np.sqrt(len(weights))
         inside = 0.9 * MAIN.cdf(np.full(D, 8.0)) + 0.1 * FAR.cdf(np.full(D, 8.0))
@@ -69,13 +71,13 @@ def test_the_shored_proposal_is_a_density() -> None:
 def test_no_components_change_nothing() -> None:
     """With none to add the proposal is handed back."""
     proposal = thin()
-    assert add_components(proposal, known(100), default_rng(1), components=0, draws=50) is proposal
+    assert add_components(proposal, *known(100), default_rng(1), components=0, draws=50) is proposal
 
 
 def test_components_stand_inside_the_support() -> None:
     """No component is centred where the target has no density, and the draws decide, not the order."""
-    found = add_components(thin(), known(3000), default_rng(3), components=6, draws=300)
+    found = add_components(thin(), *known(3000), default_rng(3), components=6, draws=300)
     centres = found.mixture.means[2:]
     assert np.isfinite(log_target(centres)).all()
-    again = add_components(thin(), known(3000), default_rng(3), components=6, draws=300)
+    again = add_components(thin(), *known(3000), default_rng(3), components=6, draws=300)
     np.testing.assert_array_equal(found.mixture.means, again.mixture.means)
