@@ -26,7 +26,6 @@ from bayesterra.likelihood import load_integrand as lv
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
 from bayesterra.likelihood.intervals import Intervals
-from bayesterra.likelihood.load_quadrature import log_rows
 from bayesterra.likelihood.nodes import Squares
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, called, compiled, inlined
@@ -349,7 +348,7 @@ class LatentLoad(Likelihood):
     def _rows(self, soil: FloatArray, noise_values: FloatArray, rng: Generator | None) -> FloatArray:
         """Log likelihood of every row, and a load drawn if there is a source of chance, (n, m, 2)."""
         if not self._compiled:
-            return log_rows(self.forward, soil, self.load_range, partial(self._levels, soil, noise_values), rng)
+            return sums.log_rows(self.forward, soil, self.load_range, partial(self._levels, soil, noise_values), rng)
         shape = (len(soil), len(self.observations))
         out = np.empty((*shape, 2))
         out[:, :, 1] = -1.0 if rng is None else rng.random(shape)

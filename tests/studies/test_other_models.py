@@ -9,7 +9,7 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.analysis.comparison import log_evidence
-from bayesterra.analysis.simulators import errors_said
+from bayesterra.analysis.export import errors_said
 
 STUDY = Path(__file__).parents[2] / "studies" / "misfit" / "other-models"
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 import bayesterra as bt
-from bayesterra.analysis.simulators import projection
+from bayesterra.analysis.export import projection
 from bayesterra.parameters import CHANNELS
 
 HERE = Path(__file__).parent

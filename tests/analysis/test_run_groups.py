@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayesterra.analysis.group_checks import fit_of_groups, judged, prediction_of_levels
+from bayesterra.analysis.run import fit_of_groups, judged, prediction_of_levels
 from bayesterra.checking.levels import places, ways
 from bayesterra.checking.loo import Without, without_levels
 from bayesterra.likelihood.joint import JointPosterior, joint_posterior
@@ -74,12 +74,12 @@ def test_levels_that_no_draws_reach_are_named(
     """Where all weights fail nothing is claimed; where some do, the others are counted."""
     study, joint, draws = posterior
     draws, kept = draws[:1000], dict[tuple[int, ...], Without]()
-    monkeypatch.setattr("bayesterra.analysis.group_checks.without_levels", reached(lambda level: False, kept))
+    monkeypatch.setattr("bayesterra.analysis.run.without_levels", reached(lambda level: False, kept))
     none = prediction_of_levels(study, joint, draws, ways(study), np.random.SeedSequence(1))
     assert (none.word, none.grade) == ("not tested", "note")
     assert "slip 0.100" in str(none.sentence)
     assert str(none.sentence).endswith("`bayesterra holdout` makes each fit anew.")
-    monkeypatch.setattr("bayesterra.analysis.group_checks.without_levels", reached(lambda level: level != (0, 3), kept))
+    monkeypatch.setattr("bayesterra.analysis.run.without_levels", reached(lambda level: level != (0, 3), kept))
     some = prediction_of_levels(study, joint, draws, ways(study), np.random.SeedSequence(1))
     assert "of 4 pulls" in str(some.sentence)
     assert "Not tested: slip 0.100: the posterior without it is quite another one" in str(some.sentence)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayesterra.analysis.export import Export
-from bayesterra.analysis.simulators import SOILS, chrono_scm, on_scm, projection
+from bayesterra.analysis.export import SOILS, Export, chrono_scm, on_scm, projection
 from bayesterra.errors import ResultError
 from bayesterra.likelihood.forward import reference_load
 from bayesterra.models import Conditions, Wheel
