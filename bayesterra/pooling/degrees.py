@@ -39,10 +39,11 @@ from bayesterra.pooling.evidence import (
     joint_shares,
     outer_laws,
     plain_shares,
+    weigh,
     weigh_joint,
     weigh_plain,
 )
-from bayesterra.sampling.evidence import Evidence, summed
+from bayesterra.sampling.evidence import Evidence
 from bayesterra.sampling.family import JointFamily
 from bayesterra.sampling.joint import (
     JointDraws,
@@ -56,7 +57,6 @@ from bayesterra.sampling.joint import (
 )
 from bayesterra.sampling.moves import Laws, Walkers, run_together
 from bayesterra.sampling.sampler import Samples
-from bayesterra.stats.mixture import log_mean
 from bayesterra.study.groups import Population
 
 WALKERS, STARTS = 128, 2048
@@ -144,31 +144,10 @@ def _found(
         yield [(ensemble.laws, flattened(*went)) for ensemble, *went in zip(ensembles, D, L, strict=True)]
 
 
-def _weights(family: JointFamily, laws: OuterLaws, D: FloatArray, log_law: FloatArray, rng: Generator) -> FloatArray:
-    """Log weights (n,) of shared values (n, k) with log densities ``log_law`` (n,), locals integrated out."""
-    S, prior = family.placed(D)
-    total, repeated = prior - log_law, np.repeat(S, INNER, axis=0)
-    for g, law in enumerate(laws.locals):
-        L, log_own = law.sample(D, INNER, rng)
-        population, likelihood = family.terms(g, repeated, L)
-        inside = np.isfinite(population) & np.isfinite(likelihood)
-        each = np.where(inside, population + np.where(inside, likelihood, 0.0), -np.inf) - log_own
-        total = total + np.logaddexp.reduce(each.reshape(len(D), INNER), axis=1) - np.log(INNER)
-    return np.where(np.isnan(total), -np.inf, total)
-
-
 def _evidence(family: JointFamily, laws: Sequence[OuterLaws], draws: int, rng: Generator) -> Evidence | None:
-    """Weigh fresh draws against the mixture of all laws; adaptations that disagree add to the error."""
-    each = draws // len(laws)
-    D = [law.drivers.sample(each, rng) for law in laws]
-    levels = [np.array([law.drivers.log_density(at) for law in laws]) for at in D]
-    pooled = [np.logaddexp.reduce(level, axis=0) - np.log(len(laws)) for level in levels]
-    adaptations = zip(laws, D, pooled, strict=True)
-    weights = np.array([_weights(family, law, at, level, rng) for law, at, level in adaptations])
-    if np.isfinite(weights).sum() < FEWEST:
-        return None
-    own = [weights[e] + pooled[e] - levels[e][e] for e in range(len(laws))]
-    return summed(weights).beside([float(log_mean(log_weights)) for log_weights in own])
+    weighed = weigh(family, laws, draws, INNER, rng, rows_out=False)
+    inside = np.isfinite(weighed.base + weighed.groups.sum(axis=0))
+    return weighed.evidence if inside.sum() >= FEWEST else None
 
 
 def _is_sure(evidence: Evidence | None) -> bool:

@@ -346,7 +346,13 @@ class LeftOutShare:
 def weigh_joint(samples: JointSamples, rng: Generator, *, outer: int = OUTER, inner: int = INNER) -> Weighed:
     """Weigh fresh draws of the laws of all ensembles of a joint posterior."""
     family = JointFamily(samples.joint)
-    laws = [_laws(family, samples, e, rng) for e in range(len(samples.laws))]
+    return weigh(family, [_laws(family, samples, e, rng) for e in range(len(samples.laws))], outer, inner, rng)
+
+
+def weigh(
+    family: JointFamily, laws: Sequence[OuterLaws], outer: int, inner: int, rng: Generator, *, rows_out: bool = True
+) -> Weighed:
+    """Weigh fresh draws of laws of a joint posterior; no row is left out of it but with ``rows_out``."""
     each = -(-outer // len(laws))
     D = [law.drivers.sample(each, rng) for law in laws]
     everywhere = np.concatenate(D)
@@ -359,7 +365,7 @@ def weigh_joint(samples: JointSamples, rng: Generator, *, outer: int = OUTER, in
     rows: list[list[FloatArray]] = [[] for _ in range(family.groups)]
     for e, law in enumerate(laws):
         for g in range(family.groups):
-            groups[g, e], without = _integrated(family, law, g, D[e], inner, rng)
+            groups[g, e], without = _integrated(family, law, g, D[e], inner, rng, rows_out)
             rows[g].append(without)
     return Weighed(base, groups, tuple(np.stack(strata, axis=1) for strata in rows), apart)
 
@@ -375,17 +381,21 @@ def _laws(family: JointFamily, samples: JointSamples, ensemble: int, rng: Genera
 
 
 def _integrated(
-    family: JointFamily, laws: OuterLaws, group: int, D: FloatArray, inner: int, rng: Generator
+    family: JointFamily, laws: OuterLaws, group: int, D: FloatArray, inner: int, rng: Generator, rows_out: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Log marginal likelihood (n,) of a group given shared values, and that without each row (rows, n)."""
     repeated = np.repeat(D, inner, axis=0)
     L, log_law = laws.locals[group].sample(D, inner, rng)
     shared, _ = family.shared_to_physical(repeated)
-    population, own = family._prior(shared, group, L)
-    posterior = list(family.joint.groups.values())[group]
-    sets = family.joint.of_group(shared, own)
-    likelihood, terms = row_terms(posterior, sets, np.isfinite(population))
-    weights = np.where(np.isfinite(terms).all(axis=1), population - log_law, -np.inf)
+    if rows_out:
+        population, own = family._prior(shared, group, L)
+        posterior = list(family.joint.groups.values())[group]
+        likelihood, terms = row_terms(posterior, family.joint.of_group(shared, own), np.isfinite(population))
+    else:
+        population, likelihood = family.terms(group, shared, L)
+        terms = np.empty((len(L), 0))
+    inside = np.isfinite(population) & np.isfinite(likelihood) & np.isfinite(terms).all(axis=1)
+    weights = np.where(inside, population - log_law, -np.inf)
     total = weights + np.where(np.isfinite(weights), likelihood, 0.0)
 
     def mean(level: FloatArray) -> FloatArray:
@@ -393,7 +403,8 @@ def _integrated(
             return log_mean(level.reshape(len(D), inner), axis=1)
 
     finite_terms = np.where(np.isfinite(weights)[:, None], terms, 0.0)
-    return mean(total), np.array([mean(total - finite_terms[:, i]) for i in range(terms.shape[1])])
+    without = [mean(total - finite_terms[:, i]) for i in range(terms.shape[1])]
+    return mean(total), np.array(without).reshape(-1, len(D))
 
 
 def row_terms(posterior: Posterior, x: FloatArray, candidates: BoolArray) -> tuple[FloatArray, FloatArray]:
