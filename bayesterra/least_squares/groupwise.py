@@ -12,8 +12,7 @@ from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.errors import StudyError, counted
 from bayesterra.least_squares.results import FORCES, error_figure
 from bayesterra.least_squares.settings import GROUPS, Readings, Settings
-from bayesterra.least_squares.solver import Box, ClippedModel, Curve, Formula, Minimum, minimise
-from bayesterra.least_squares.trust_region import emulate
+from bayesterra.least_squares.solver import Box, ClippedModel, Curve, Formula, Minimum, emulate, minimise
 from bayesterra.likelihood.forward import Forward
 from bayesterra.models import M1, WheelSoilModel, decoupled
 from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS

@@ -333,8 +333,8 @@ DEPTH = 16.0
 PANELS, GAUSS = 16, 6
 """Panels of the sum, and nodes of each."""
 _X, _W = np.polynomial.legendre.leggauss(GAUSS)
-_NODES = 0.5 * (1 + _X)
-_WEIGHTS = np.tile(0.5 * _W, PANELS)
+_PANEL_NODES = 0.5 * (1 + _X)
+_PANEL_WEIGHTS = np.tile(0.5 * _W, PANELS)
 _POWERS = np.vander(_X, increasing=True)
 _SLOPES = 2 * np.linalg.solve(_POWERS.T, np.column_stack([np.zeros(GAUSS), _POWERS[:, :-1] * np.arange(1, GAUSS)]).T).T
 """Matrix that takes values at the nodes of a panel to derivatives by its share."""
@@ -375,10 +375,10 @@ def log_rows(
         low = np.take_along_axis(log_depth, np.maximum(first - 1, 0)[None], 0)[0]
         high = np.take_along_axis(log_depth, np.minimum(last + 1, PLACES - 1)[None], 0)[0]
     panels = _panels(log_depth, values[..., NORMAL_FORCE], level)
-    nodes = (panels[:-1, None] + _NODES[:, None, None] * np.diff(panels, axis=0)[:, None]).reshape(-1, *shape)
+    nodes = (panels[:-1, None] + _PANEL_NODES[:, None, None] * np.diff(panels, axis=0)[:, None]).reshape(-1, *shape)
     values, level = _at(forward, soil, nodes, levels)
     growth = np.einsum("ij,kj...->ki...", _SLOPES, values[..., NORMAL_FORCE].reshape(PANELS, GAUSS, *shape))
-    level = level + np.log(np.maximum(growth.reshape(level.shape), 1e-300) * _WEIGHTS[:, None, None])
+    level = level + np.log(np.maximum(growth.reshape(level.shape), 1e-300) * _PANEL_WEIGHTS[:, None, None])
     top = level.max(axis=0)
     with np.errstate(invalid="ignore"):
         pieces = np.nan_to_num(np.exp(level - np.where(np.isfinite(top), top, 0.0)))

@@ -3,8 +3,7 @@
 The posterior of other roles begins with the groups' own: what groups share is drawn from the product of their
 laws of it, the rest of each group from its law given that. Laws are fitted to these draws, and fresh draws of
 the laws are weighed, which no fit has seen. Groups that agree are done then; where the weights are uneven
-walkers move from there, and laws are fitted to where they went. Draws weighed alone would not do there: of a
-hundred that have weight no law of eight parameters of a group can be fitted.
+walkers move from there, and laws are fitted to where they went.
 
 Three studies are compared that differ in the role of one parameter (or of c and φ together) and in nothing
 else: one value for all groups, a value of each group under the parameter's own prior, and values of each

@@ -8,9 +8,8 @@ from matplotlib.axes import Axes
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import counted
-from bayesterra.reduce.branch import Branch
 from bayesterra.reduce.log import LOGGED, Log
-from bayesterra.reduce.reduction import Reduction
+from bayesterra.reduce.reduction import Branch, Reduction
 from bayesterra.reduce.windows import Window
 from bayesterra.report.blocks import Block, Blocks, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import DATA, GRID, POSTERIOR, figure_of, literal, new_figure, styled

@@ -280,11 +280,10 @@ def add_components(
     places = _Places(straight, mixture.dof, len(u) + components * draws)
     places.add(u, level, mixture)
     for _ in range(components):
-        component = places.component()
+        component = places.component(share)
         weights, means = np.append(mixture.weights, share), np.vstack([mixture.means, component.means])
         factors = np.concatenate([mixture.factors, component.factors])
         mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
-        places.grow(component, share)
         u, _ = straight.forward(component.sample(draws, rng))
         places.add(u, log_target(u), mixture)
     return Proposal(straight, mixture)
@@ -309,14 +308,10 @@ class _Places:
         if not start:
             self._spread = v.std(axis=0) + 1e-300
 
-    def grow(self, component: mixtures.StudentMixture, share: float) -> None:
-        """Add a component to the mixture."""
-        now = self._log_proposal[: self._n]
-        np.logaddexp(now, np.log(share) + component.log_density(self._v[: self._n]), out=now)
-
-    def component(self) -> mixtures.StudentMixture:
-        """A component about the point of greatest weight, as wide as the weighted points next to it."""
-        v, log_weights = self._v[: self._n], self._log_target[: self._n] - self._log_proposal[: self._n]
+    def component(self, share: float) -> mixtures.StudentMixture:
+        """Add to the mixture a component about the greatest weight, as wide as the weighted points next to it."""
+        v, now = self._v[: self._n], self._log_proposal[: self._n]
+        log_weights = self._log_target[: self._n] - now
         centre = v[np.argmax(log_weights)]
         away = (v - centre) / self._spread
         near = np.argpartition(np.einsum("ij,ij->i", away, away), min(NEIGHBOURS, self._n) - 1)[:NEIGHBOURS]
@@ -325,4 +320,6 @@ class _Places:
         offsets = v[near] - centre
         covariance = (offsets * weights[:, None]).T @ offsets + 1e-9 * np.diag(self._spread**2)
         factor = WIDENING * mixtures.root(covariance)
-        return mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self._dof)
+        component = mixtures.StudentMixture(np.ones(1), centre[None], np.asarray(factor)[None], self._dof)
+        np.logaddexp(now, np.log(share) + component.log_density(v), out=now)
+        return component

@@ -43,10 +43,7 @@ class IndependenceMove(emcee.moves.Move):  # type: ignore[misc]  # emcee ships n
 
 
 def frozen_moves(law: ProposalLaw) -> list[tuple[Any, float]]:
-    """Moves of a production run and their shares: none of them adapts.
-
-    A fifth of the steps does not trust the law: more of them cost more than they move where it is good.
-    """
+    """Moves of a production run and their shares: none of them adapts, and a fifth does not trust the law."""
     return [(IndependenceMove(law), 0.8), (emcee.moves.DEMove(), 0.1), (emcee.moves.StretchMove(), 0.1)]
 
 

@@ -92,8 +92,7 @@ def sample_groups(
     checkpoint_store: CheckpointStore | None = None,
 ) -> dict[str, Samples]:
     """Sample each group's posterior alone, under the stated prior: no pooling."""
-    ess, steps = min(options.target_ess, LONE_ESS), min(options.max_steps, LONE_STEPS)
-    asked = replace(options, target_ess=ess, max_steps=steps)
+    asked = replace(options, target_ess=min(options.target_ess, LONE_ESS), max_steps=min(options.max_steps, LONE_STEPS))
     samples = {}
     for number, (stream, (group, posterior)) in enumerate(
         zip(seed.spawn(len(joint.groups)), joint.groups.items(), strict=True)
@@ -344,10 +343,9 @@ def warmed_up(
     for sweeps in warm_ups:
         watch(f"pilot run of {sweeps} sweeps")
         D, L, _ = run_together(ensembles, sweeps)
-        enough = Counts.of(ensembles).anew >= ENOUGH
-        lost = min(LOST, sweeps // 2)
+        shares, lost = Counts.of(ensembles).shares, min(LOST, sweeps // 2)
         ensembles = list(each(refitted, ensembles, D[:, lost:], L[:, lost:]))
-        if enough:
+        if min(shares["locals anew"], shares["drivers anew"]) >= ENOUGH:
             break
     return list(ensembles)
 

@@ -40,8 +40,7 @@ from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
 ANEW, NEAR, HELD_SHARE = 2, 3, 0.25
-"""Proposals of shared values from their law in a sweep; one sweep in so many moves along differences, too; the share of
-these that moves what is shared with the locals held."""
+"""Proposals of shared values in a sweep; one sweep in so many also steps along differences; share that holds locals."""
 
 Locals = Literal["carried", "held", "standardised"]
 """Treatment of the locals in a move of shared values: keep their straight coordinates, their values, or their
@@ -147,11 +146,6 @@ class Counts:
         return cls(*(sum(part, Counter()) for part in zip(*parts, strict=True)))
 
     @property
-    def anew(self) -> float:
-        """Least accepted share of values that are proposed anew."""
-        return min(share for kind, share in self.shares.items() if kind.endswith("anew"))
-
-    @property
     def shares(self) -> dict[str, float]:
         """Accepted share by kind."""
         return {kind: self.accepted[kind] / tried for kind, tried in self.tried.items()}
@@ -184,11 +178,9 @@ class PooledEnsemble:
             self._S, w.prior = yield self.family.placed, (), (w.D,)
             for g in range(self.family.groups):
                 (w.population[g],) = yield self.family.log_population, (g,), (self._S, w.L[g])
-        law = self.laws.drivers  # all shared values from their law, the locals carried along
-        for _ in range(ANEW):
-            new = law.sample(len(w.D), self.rng)
-            log_ratio = law.log_density(w.D) - law.log_density(new)
-            yield from self._carried(np.arange(len(w.D)), new, log_ratio, "drivers anew")
+        law, all_walkers = self.laws.drivers, np.arange(len(w.D))
+        for new in [law.sample(len(w.D), self.rng) for _ in range(ANEW)]:  # shared values, the locals carried along
+            yield from self._carried(all_walkers, new, law.log_density(w.D) - law.log_density(new), "drivers anew")
         if near:
             yield from self._drivers_by_differences()
 

@@ -211,7 +211,8 @@ class StudentMixture:
         points, parts = np.ascontiguousarray(u, dtype=np.float64), np.exp(constants - constants.max())
         weigh(points, inverse, offsets, parts, float(self.dof), products, distances, shares, totals)
         if (far := np.flatnonzero(~(totals > LEAST))).size:
-            terms = self._log_terms(distances[far])
+            lengths = distances[far]
+            terms = constants - 0.5 * (lengths if np.isinf(self.dof) else twice * np.log1p(lengths / self.dof))
             peak[far] = np.nan_to_num(terms.max(axis=1), nan=0.0, neginf=0.0)
             shares[far] = np.exp(terms - peak[far, None])
             totals[far] = shares[far].sum(axis=1)
@@ -221,13 +222,6 @@ class StudentMixture:
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
         return self.weighed(u)[0]
-
-    def _log_terms(self, distances: FloatArray) -> FloatArray:
-        """Log of weight times density of every component at given squared distances, (n, k)."""
-        d = self.means.shape[1]
-        if np.isinf(self.dof):
-            return np.asarray(self._whitening[2] - 0.5 * distances)
-        return np.asarray(self._whitening[2] - 0.5 * (self.dof + d) * np.log1p(distances / self.dof))
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points (n, d)."""

@@ -9,7 +9,7 @@ import pytest
 from bayesterra.errors import StudyError
 from bayesterra.least_squares.fit import fit, fit_from_starts
 from bayesterra.least_squares.results import report_table
-from bayesterra.least_squares.trust_region import Quadratic, Search
+from bayesterra.least_squares.solver import Quadratic, Search
 from bayesterra.models import M1, Soil
 from bayesterra.study.study import Study
 

@@ -11,8 +11,7 @@ from scipy.optimize import minimize
 
 from bayesterra.arrays import FloatArray
 from bayesterra.errors import SupportError
-from bayesterra.least_squares.fit import fit
-from bayesterra.least_squares.joint import WeightedMisfit
+from bayesterra.least_squares.fit import WeightedMisfit, fit
 from bayesterra.least_squares.results import Fit
 from bayesterra.least_squares.settings import Overrides, joint_settings
 from bayesterra.least_squares.solver import ClippedModel, clip
