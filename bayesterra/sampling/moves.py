@@ -39,7 +39,7 @@ from bayesterra.runtime.reading import parsed_json
 from bayesterra.sampling.family import ConditionalLaw
 from bayesterra.stats.transport import Proposal
 
-ANEW, NEAR, HELD_SHARE = 2, 3, 0.25
+ANEW, NEAR, HELD_SHARE = 2, 2, 0.25
 """Proposals of shared values in a sweep; one sweep in so many also steps along differences; share that holds locals."""
 
 Locals = Literal["carried", "held", "standardised"]
