@@ -190,7 +190,7 @@ def _produced(
             checkpoint_store, f"joint-round-{number:04d}", family, partial(JointSegment.of, ensembles, length)
         )
         kept.append(segment)
-        steps += length
+        steps += segment.D.shape[1]
         going_on = steps < options.max_steps
         refitting = refits < REFITS and steps >= PATIENCE * 2**refits
         if going_on and not refitting and not is_diagnosed(number):

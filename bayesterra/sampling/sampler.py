@@ -294,15 +294,14 @@ class _Task:
         steps, number, drawn = 0, 0, list[FloatArray]()
         names, most, target_ess = self.target.names, self.options.max_steps, self.options.target_ess
         while True:
-            length, number = min(ROUND_STEPS, most - steps), number + 1
-            self._round(number, length, walks, pool)
-            steps += length
+            number += 1
+            steps += self._round(number, min(ROUND_STEPS, most - steps), walks, pool)
             if self.checkpoint_store.holds(f"round-{number + 1:04d}"):
                 continue  # an earlier process went on from here
             if steps < most and not is_diagnosed(number):
                 continue
             chains = np.array([walk.chain for walk in walks])
-            for begun in range(ROUND_STEPS * len(drawn), steps, ROUND_STEPS):
+            for begun in range(sum(part.shape[1] for part in drawn), steps, ROUND_STEPS):
                 fresh = chains[:, begun : begun + ROUND_STEPS]
                 drawn.append(self.target.completed(fresh, *self.last.spawn(1)))
             chains = np.concatenate(drawn, axis=1)
@@ -314,8 +313,8 @@ class _Task:
             if diagnosis.converged or steps >= most:
                 return chains, diagnosis
 
-    def _round(self, number: int, length: int, walks: list[RunningEnsemble], pool: Executor) -> None:
-        """Let all ensembles take a round, or follow the one in the checkpoint store."""
+    def _round(self, number: int, length: int, walks: list[RunningEnsemble], pool: Executor) -> int:
+        """Let all ensembles take a round, or follow the one in the checkpoint store; the steps that it has."""
         ensembles = [walk.ensemble for walk in walks]
         started = time.perf_counter()
         ensembles[0].drift()
@@ -331,6 +330,7 @@ class _Task:
         if saved:
             self.clock.resume(taken_or_saved.seconds)
             check_drift(max(ensemble.drift() for ensemble in ensembles))
+        return len(taken_or_saved.legs[0].chain)
 
 
 PRIOR_DRAWS = 4000

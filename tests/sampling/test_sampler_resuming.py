@@ -103,6 +103,18 @@ def test_a_sampler_stopped_after_any_note_ends_with_the_same_draws(density: Post
         assert_same(sampled(density, Memory(first.notes)), undisturbed)
 
 
+def test_rounds_of_another_length_are_gone_on_with(density: Posterior, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds that were saved when they were longer count as many steps as they have."""
+    monkeypatch.setattr(sampler, "ROUND_STEPS", 30)
+    first = Memory(most=len(NOTES) - 2)
+    with pytest.raises(Stop, match=r"^$"):
+        sampled(density, first)
+    assert "round-0001" in first.notes
+    monkeypatch.setattr(sampler, "ROUND_STEPS", 20)
+    found = sampled(density, Memory(first.notes))
+    assert found.chains.shape[1] == found.diagnosis.steps == OPTIONS.max_steps
+
+
 @pytest.mark.parametrize("lost", ["ensemble-2", "round-0001", "round-0002", "round-0003"])
 def test_a_lost_note_is_made_again(lost: str, density: Posterior, noted: tuple[Samples, Mapping[str, Segment]]) -> None:
     """A note that is missing among later ones is made anew, to the same draws."""
