@@ -109,7 +109,7 @@ def level_of(joint: JointPosterior, chains: Mapping[str, FloatArray], rng: Gener
     evidence: Evidence | None = None
     with threadpool_limits(limits=1):
         for e in range(REPEATS):
-            some = {name: spaced(np.concatenate(chain[e % count]), STARTS) for name, chain in chains.items()}
+            some = {name: spaced(np.concatenate(x[e % count].swapaxes(0, 1)), STARTS) for name, x in chains.items()}
             D, L = starting_points(family, some, rng)
             inside = np.isfinite(Walkers.at(family, D, L).log_density)
             if inside.sum() < FEWEST:

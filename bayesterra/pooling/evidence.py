@@ -372,7 +372,7 @@ def weigh(
 
 def _laws(family: JointFamily, samples: JointSamples, ensemble: int, rng: Generator) -> OuterLaws:
     """Laws to weigh with, from one ensemble's draws of all groups together and of each alone."""
-    flat = samples.chains[ensemble].reshape(-1, samples.chains.shape[-1])
+    flat = np.concatenate(samples.chains[ensemble].swapaxes(0, 1))  # walker after walker, so that some are of all
     shared, own = family.joint.split(flat[:: max(1, len(flat) // FITTED)])
     L = np.stack([family.group_from_physical(g, x) for g, x in enumerate(own)])
     chains = [lone.chains[ensemble] for lone in samples.lone.values()]
@@ -394,7 +394,7 @@ def _integrated(
     else:
         population, likelihood = family.terms(group, shared, L)
         terms = np.empty((len(L), 0))
-    inside = np.isfinite(population) & np.isfinite(likelihood) & np.isfinite(terms).all(axis=1)
+    inside = np.isfinite(population) & np.isfinite(likelihood) & np.isfinite(terms).all(axis=1) & np.isfinite(log_law)
     weights = np.where(inside, population - log_law, -np.inf)
     total = weights + np.where(np.isfinite(weights), likelihood, 0.0)
 

@@ -314,7 +314,7 @@ class _Places:
         log_weights = self._log_target[: self._n] - now
         centre = v[np.argmax(log_weights)]
         away = (v - centre) / self._spread
-        near = np.argpartition(np.einsum("ij,ij->i", away, away), min(NEIGHBOURS, self._n) - 1)[:NEIGHBOURS]
+        near = np.sort(np.argpartition((away**2).sum(axis=1), min(NEIGHBOURS, self._n) - 1)[:NEIGHBOURS])
         weights = np.exp(log_weights[near] - log_weights[near].max())
         weights = 0.5 * weights / weights.sum() + 0.5 / len(near)
         offsets = v[near] - centre

@@ -113,7 +113,7 @@ def sample_joint(
 ) -> JointSamples:
     """Sample a joint posterior with independent ensembles; see :mod:`bayesterra.sampling.moves`.
 
-    Ensemble e begins with what ensemble e of every group alone found, so that ensembles share nothing.
+    Ensemble e begins with what ensemble e of every group alone found; ensembles share the length of warm-ups alone.
 
     Parameters
     ----------
@@ -293,9 +293,9 @@ JointDraws = tuple[FloatArray, FloatArray]
 
 
 def flattened(D: FloatArray, L: FloatArray) -> JointDraws:
-    """Draws of sweeps, (sweeps, w, k) and (sweeps, groups, w, d), one after another."""
-    flat = D.reshape(-1, D.shape[-1])
-    return flat, np.moveaxis(L, 1, 0).reshape(L.shape[1], len(flat), -1)
+    """Draws of sweeps, (sweeps, w, k) and (sweeps, groups, w, d), walker after walker: so some of them are of all."""
+    flat = D.swapaxes(0, 1).reshape(-1, D.shape[-1])
+    return flat, np.moveaxis(L, 0, 2).reshape(L.shape[1], len(flat), -1)
 
 
 LOST, ENOUGH = 10, 0.3
@@ -336,16 +336,16 @@ def warmed_up(
     Parameters
     ----------
     warm_ups : sweeps of each warm-up, of which the first ``LOST`` tell of the start. Those that are left are not
-        taken once ``ENOUGH`` of what is proposed anew is accepted.
+        taken once every ensemble accepts ``ENOUGH`` of what is proposed anew.
     watch : told what is at work, step by step.
     each : ``map``, or that of some threads.
     """
     for sweeps in warm_ups:
         watch(f"pilot run of {sweeps} sweeps")
         D, L, _ = run_together(ensembles, sweeps)
-        shares, lost = Counts.of(ensembles).shares, min(LOST, sweeps // 2)
+        shares, lost = [ensemble.counts.shares for ensemble in ensembles], min(LOST, sweeps // 2)
         ensembles = list(each(refitted, ensembles, D[:, lost:], L[:, lost:]))
-        if min(shares["locals anew"], shares["drivers anew"]) >= ENOUGH:
+        if min(each[kind] for each in shares for kind in ("locals anew", "drivers anew")) >= ENOUGH:
             break
     return list(ensembles)
 

@@ -31,7 +31,7 @@ from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
 ROUND_STEPS = 100
-BRIEF = 2e-3
+BRIEF = 1e-3
 """Seconds of a call for all walkers below which threads wait for each other longer than they work side by side."""
 DENSE_ROUNDS = 20
 """Rounds n of which twice as many are all diagnosed, then every second up to 3n, every third up to 4n, and so on."""
@@ -316,11 +316,11 @@ class _Task:
     def _round(self, number: int, length: int, walks: list[RunningEnsemble], pool: Executor) -> int:
         """Let all ensembles take a round, or follow the one in the checkpoint store; the steps that it has."""
         ensembles = [walk.ensemble for walk in walks]
-        started = time.perf_counter()
-        ensembles[0].drift()
-        each = map if time.perf_counter() - started < BRIEF else pool.map
 
         def taken() -> SamplingRound:
+            started = time.perf_counter()
+            ensembles[0].drift()
+            each = map if time.perf_counter() - started < BRIEF else pool.map
             return SamplingRound(tuple(each(Ensemble.segment, ensembles, repeat(length))), self.clock.elapsed())
 
         saved = self.checkpoint_store.holds(name := f"round-{number:04d}")

@@ -10,9 +10,9 @@ from numpy.random import Generator
 from scipy.special import logsumexp, ndtri
 from scipy.stats import multivariate_normal
 
-from bayesterra.arrays import FloatArray
+from bayesterra.arrays import FloatArray, spaced
 from bayesterra.sampling.family import fit_conditional
-from bayesterra.sampling.joint import begun, refitted, warmed_up
+from bayesterra.sampling.joint import begun, flattened, refitted, warmed_up
 from bayesterra.sampling.moves import PooledEnsemble, run_together
 from bayesterra.stats.diagnostics import diagnose
 from bayesterra.stats.laws import log_population
@@ -152,6 +152,14 @@ def started(family: Linear, seed: int) -> PooledEnsemble:
     """An ensemble with its first laws."""
     rng = np.random.default_rng(seed)
     return begun(family, *family.start(600, rng), 32, rng)
+
+
+def test_some_of_flattened_draws_are_of_all_walkers() -> None:
+    """Laws are fitted to every so many draws: 128 walkers of 500 sweeps, one in 32, would be four of the walkers."""
+    walkers = np.tile(np.arange(128.0), (500, 1))[..., None]
+    flat, locals_ = flattened(walkers, np.stack([walkers, walkers], axis=1))
+    for draws in (flat, *locals_):
+        assert set(spaced(draws, 2048)[:, 0]) == set(range(128))
 
 
 @pytest.mark.slow
