@@ -24,10 +24,10 @@ def stored(name: str) -> pd.DataFrame:
     return pd.read_csv(STUDY / f"{name}.csv")
 
 
-def agree(found: pd.DataFrame, kept: pd.DataFrame, keys: list[str], columns: list[str], within: float = 2e-4) -> None:
-    """Rows with the same keys have the same numbers, to the digits that are stored or ``within``."""
+def agree(found: pd.DataFrame, kept: pd.DataFrame, keys: list[str], columns: list[str]) -> None:
+    """Rows with the same keys have the same numbers, to the digits that are stored."""
     left, right = found.set_index(keys)[columns], kept.set_index(keys)[columns]
-    np.testing.assert_allclose(left, right.loc[left.index], rtol=within, atol=within)
+    np.testing.assert_allclose(left, right.loc[left.index], rtol=2e-4, atol=2e-4)
 
 
 def test_fits_are_remade(script: ModuleType) -> None:
@@ -42,13 +42,9 @@ def test_fits_are_remade(script: ModuleType) -> None:
 
 
 def test_the_papers_stiffness_is_remade(script: ModuleType) -> None:
-    """By the paper's solver K_s of two wheels is the stored one, and all twelve are within 0.15 kPa of the print.
-
-    That solver stops on the floor of a valley, where the last digit of a sum, which NumPy 2.0 and 2.4 round
-    differently on some processors, moves K_s by 6e-4.
-    """
+    """By the paper's solver K_s of two wheels is the stored one, and all twelve are within 0.15 kPa of the print."""
     found = script.solver.fits(("Wh22",))
-    agree(found, stored("solver-fits"), ["data", "method", "solver"], ["Ks", "n0", "n1", "passes"], within=1e-3)
+    agree(found, stored("solver-fits"), ["data", "method", "solver"], ["Ks", "n0", "n1", "passes"])
     kept = {"solver-fits": stored("solver-fits"), "fits": stored("fits")}
     for method, number in (("IM1", 10), ("IM3", 14)):
         assert script.statements.stiffness(kept, method, number).holds
