@@ -19,8 +19,8 @@ from bayesterra.parameters import CHANNELS, PARAMETERS, SOIL_PARAMETERS
 from bayesterra.study.drive import Drive
 
 EVALUATIONS = 100
-"""Evaluations per parameter of an inner fit, the limit of ``lsqcurvefit``. A fit whose θm/θ1 is clipped may
-need them all, for its sum of squares has a kink there."""
+"""Evaluations per parameter of an inner fit by ``lsqcurvefit``, its limit: 300 for K_s, n0 and n1, on whose valley
+floor a search that is to converge may need more; one cut short ends where rounding has it."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Step:
         """Fit the group from its start values, the other parameters as in ``theta`` (p,)."""
         start, columns = theta.copy(), self.columns(settings)
         start[columns] = settings.start[columns]
-        box, limit = Box(settings.lower, settings.upper, columns), EVALUATIONS * len(columns)
+        box = Box(settings.lower, settings.upper, columns)
         if settings.solver == "lsqcurvefit":
-            return emulate(replace(self, relative=False), start, box, evaluations=limit)
-        return minimise(self, start, box, evaluations=limit)
+            return emulate(replace(self, relative=False), start, box, evaluations=EVALUATIONS * len(columns))
+        return minimise(self, start, box)
 
     def error(self, theta: FloatArray) -> float:
         """Error figure (16) in percent, NaN without readings."""

@@ -70,9 +70,9 @@ def test_inner_fits_restart_in_every_pass(
     """Every inner fit of every pass begins at Table 17's values, not where the last pass ended."""
     starts = []
 
-    def watched(residual: Curve, start: FloatArray, box: Box, **limits: int) -> Minimum:
+    def watched(residual: Curve, start: FloatArray, box: Box) -> Minimum:
         starts.append(start[box.columns])
-        return minimise(residual, start, box, evaluations=limits["evaluations"])
+        return minimise(residual, start, box)
 
     monkeypatch.setattr("bayesterra.least_squares.groupwise.minimise", watched)
     found = fit(make_paper_study("M1", "Wh22", printed["IM1"]["Wh22"]), ("IM1",))["IM1"]
@@ -81,3 +81,21 @@ def test_inner_fits_restart_in_every_pass(
         assert bearing.tolist() == [0.5, 0.5]
         assert shearing == pytest.approx([200.0, np.radians(30.0), 0.01])
         assert angles.tolist() == [0.5, 0.0]
+
+
+def test_inner_fits_end_at_minima(
+    make_paper_study: Callable[..., Study], printed: Printed, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With K_s free, on a long valley floor, no inner fit is cut short: where that ends is rounding's choice."""
+    minima = []
+
+    def watched(residual: Curve, start: FloatArray, box: Box) -> Minimum:
+        minima.append(minimise(residual, start, box))
+        return minima[-1]
+
+    monkeypatch.setattr("bayesterra.least_squares.groupwise.minimise", watched)
+    study = make_paper_study("M1", "Wh22", printed["IM1"]["Wh22"], least_squares={"hold": {}})
+    found = fit(study, ("IM1",), delta=0.5)["IM1"]
+    assert len(minima) == 3 * found.passes
+    assert all(minimum.converged for minimum in minima)
+    assert max(minimum.evaluations for minimum in minima) > 300
