@@ -5,7 +5,6 @@ support of the prior. Importance weights from the full posterior do where their 
 elsewhere, and always with few rows, the posterior without the rows is sampled afresh.
 """
 
-import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from bayesterra.arrays import FloatArray, spaced
 from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
+from bayesterra.runtime.engines import usable_processors
 from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import ProposalLaw, log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
 
@@ -292,7 +292,7 @@ class _Case:
 def _results(
     cases: Sequence[_Case], limits: Sequence[float], streams: Sequence[SeedSequence], *, far: bool = True
 ) -> list[_Weighted]:
-    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+    with threadpool_limits(limits=1), ThreadPoolExecutor(usable_processors()) as pool:
         return list(pool.map(partial(_Case.result, far=far), cases, limits, streams))
 
 

@@ -5,7 +5,6 @@ The pool is modelled once; a replicate costs arithmetic only. With a latent load
 are taken as linear in the load around the value that explains the row as measured.
 """
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -25,6 +24,7 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS
+from bayesterra.runtime.engines import usable_processors
 from bayesterra.sampling.evidence import PosteriorProposal, Proposed
 from bayesterra.stats.mixture import ProposalLaw, effective_number, normalised, systematic
 from bayesterra.study.study import Study
@@ -362,7 +362,7 @@ def replicates(
     def judged(table: FloatArray, stream: SeedSequence) -> T:
         return judge(_settled(near, pool, table, default_rng(stream), options))
 
-    with threadpool_limits(limits=1), ThreadPoolExecutor(os.cpu_count() or 1) as workers:
+    with threadpool_limits(limits=1), ThreadPoolExecutor(usable_processors()) as workers:
         return list(workers.map(judged, tables, streams))
 
 

@@ -52,12 +52,12 @@ class ShortRuns:
 
     Attributes
     ----------
-    short, adaptation : of the first run, which takes ``short.max_steps`` steps.
+    short, adaptation : of the first run, which ends once :func:`enough` is known, or after ``short.max_steps`` steps.
     long, long_adaptation : of the second, which ends by the rules of every run.
     """
 
-    short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=200)
-    adaptation: AdaptationOptions = AdaptationOptions(particles=256, components=8)
+    short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=400)
+    adaptation: AdaptationOptions = AdaptationOptions(particles=256, components=8, shores=16)
     long: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
     long_adaptation: AdaptationOptions = AdaptationOptions()
 
@@ -74,7 +74,9 @@ class ShortRuns:
         self, study: Study, options: SamplingOptions, seed: SeedSequence, plan: AdaptationOptions
     ) -> Samples | JointSamples:
         """Samples of the posterior of a study."""
-        return sample(posterior(study), options, seed, adaptation=plan)
+        return sample(
+            posterior(study), options, seed, adaptation=plan, enough=enough if options is self.short else None
+        )
 
 
 @dataclass(frozen=True)

@@ -99,7 +99,9 @@ def hold_to_one_thread() -> None:
 
 
 def usable_processors() -> int:
-    """Number of processors that this process may use."""
+    """Number of processors that this process may use: one where it is held to one thread."""
+    if hold_to_one_thread.cache_info().currsize:
+        return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -46,7 +46,7 @@ class AdaptationOptions:
     keep: float = 0.35
     sweeps: int = 4
     components: int = 24
-    refinements: tuple[int, ...] = (4, 4, 8, 8)
+    refinements: tuple[int, ...] = (4, 4, 8)
     more: tuple[int, ...] = (16, 16)
     enough: float = 0.3
     defence: float = 0.1
@@ -252,6 +252,10 @@ SHARE = 0.2
 NEIGHBOURS = 200
 """Points around the greatest weight that a component is fitted to."""
 WIDENING = 1.3
+ABREAST = 4
+"""Components that are added before their draws are weighed, in one call."""
+THIN = 0.25
+"""Share of the points, those of the greatest weights, among which thin places are looked for."""
 
 
 def add_components(
@@ -279,12 +283,14 @@ def add_components(
     mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
     places = _Places(straight, mixture.dof, len(u) + components * draws)
     places.add(u, level, mixture)
-    for _ in range(components):
-        component = places.component(share)
-        weights, means = np.append(mixture.weights, share), np.vstack([mixture.means, component.means])
-        factors = np.concatenate([mixture.factors, component.factors])
+    for begun in range(0, components, ABREAST):
+        new = [places.component(share) for _ in range(min(ABREAST, components - begun))]
+        weights = np.append(mixture.weights, np.full(len(new), share))
+        means, factors = (
+            np.concatenate([getattr(each, name) for each in (mixture, *new)]) for name in ("means", "factors")
+        )
         mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
-        u, _ = straight.forward(component.sample(draws, rng))
+        u, _ = straight.forward(np.concatenate([component.sample(draws, rng) for component in new]))
         places.add(u, log_target(u), mixture)
     return Proposal(straight, mixture)
 
@@ -302,11 +308,15 @@ class _Places:
         v, log_jacobian = self._straight.inverse(u)
         level = log_p + log_jacobian
         inside = np.isfinite(level) & np.isfinite(v).all(axis=1)
-        start, self._n = self._n, self._n + int(inside.sum())
-        new, v = slice(start, self._n), v[inside]
-        self._v[new], self._log_target[new], self._log_proposal[new] = v, level[inside], mixture.log_density(v)
+        v, level = v[inside], level[inside]
+        log_proposal, start = mixture.log_density(v), self._n
         if not start:
             self._spread = v.std(axis=0) + 1e-300
+            self._least = np.quantile(level - log_proposal, 1.0 - THIN)
+        thin = level - log_proposal >= self._least
+        self._n += int(thin.sum())
+        new = slice(start, self._n)
+        self._v[new], self._log_target[new], self._log_proposal[new] = v[thin], level[thin], log_proposal[thin]
 
     def component(self, share: float) -> mixtures.StudentMixture:
         """Add to the mixture a component about the greatest weight, as wide as the weighted points next to it."""

@@ -1,6 +1,5 @@
 """Sampler of a joint posterior: groups alone, warm-up runs, then all together."""
 
-import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,6 +15,7 @@ from threadpoolctl import threadpool_limits
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.joint import JointPosterior, Whole
 from bayesterra.runtime.checkpoints import CheckpointStore, Segment
+from bayesterra.runtime.engines import usable_processors
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.family import ConditionalLaw, JointFamily, fit_conditional
 from bayesterra.sampling.moves import (
@@ -143,7 +143,7 @@ def sample_joint(
         watch.of(number)("first laws")
         return begun(family, *starting_points(family, chains, rng), options.walkers, rng)
 
-    with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, os.cpu_count() or 1)) as pool:
+    with threadpool_limits(limits=1), ThreadPoolExecutor(min(options.ensembles, usable_processors())) as pool:
 
         def adapting() -> JointSegment:
             report(Progress("adapting", 0.0))

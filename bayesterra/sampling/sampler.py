@@ -1,6 +1,5 @@
 """Several independent ensembles, run in fixed rounds until the diagnosis is satisfied."""
 
-import os
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -21,6 +20,7 @@ from bayesterra.likelihood.integrated import Integrated, integrated
 from bayesterra.likelihood.posterior import Density, Posterior, draw_cut_prior
 from bayesterra.models.kernels.cache import told_of_compiling
 from bayesterra.runtime.checkpoints import CheckpointStore, check_drift, load_or_compute
+from bayesterra.runtime.engines import usable_processors
 from bayesterra.runtime.status import Status
 from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, adapt
 from bayesterra.sampling.coordinates import Coordinates, coordinates
@@ -190,6 +190,7 @@ def sample(
     report: Callable[[Progress], None] = lambda progress: None,
     adaptation: AdaptationOptions | None = None,
     checkpoint_store: CheckpointStore | None = None,
+    enough: Callable[[Diagnosis], bool] | None = None,
 ) -> Samples:
     """Sample a posterior with independent ensembles.
 
@@ -206,6 +207,7 @@ def sample(
     adaptation : size of the adaptation; default :class:`AdaptationOptions`.
     checkpoint_store : where every finished adaptation and round is saved. What it holds already is taken from
         there, and the draws are the same to the last bit as if nothing had been.
+    enough : asked after each round whether that will do; by default it goes on until it has converged.
 
     Raises
     ------
@@ -217,11 +219,11 @@ def sample(
         raise StudyError("every parameter is fixed: there is nothing to sample")
     plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
     *streams, last = seed.spawn(options.ensembles + 1)
-    task = _Task(target, options, plan, store, clock, Steps(report), last)
-    workers = min(options.ensembles, os.cpu_count() or 1)
+    task = _Task(target, options, plan, store, clock, Steps(report), last, enough)
+    workers = min(options.ensembles, usable_processors())
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
         report(Progress("adapting", 0.0))
-        begun = list(pool.map(task.begun, range(options.ensembles), streams))
+        begun = list((pool.map if workers > 1 else map)(task.begun, range(options.ensembles), streams))
         walks = [initialised.walk(target) for initialised in begun]
         adapting = max(initialised.seconds for initialised in begun)
         chains, diagnosis = task.produce(walks, adapting, pool, report)
@@ -260,6 +262,7 @@ class _Task:
     clock: Clock
     watch: Steps
     last: SeedSequence  # of what is drawn given the rest
+    enough: Callable[[Diagnosis], bool] | None  # None: what has converged
 
     def begun(self, number: int, stream: SeedSequence) -> InitialisedEnsemble:
         """An adapted ensemble, from the checkpoint store where it is there."""
@@ -306,11 +309,12 @@ class _Task:
                 drawn.append(self.target.completed(fresh, *self.last.spawn(1)))
             chains = np.concatenate(drawn, axis=1)
             acceptance = np.array([walk.ensemble.acceptance for walk in walks])
-            diagnosis = diagnose(names, chains, acceptance, target_ess, going_on=steps < most)
+            early = self.enough is None and steps < most
+            diagnosis = diagnose(names, chains, acceptance, target_ess, going_on=early)
             done = min(1.0, diagnosis.ess / target_ess)
             elapsed = self.clock.elapsed() - since
             report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
-            if diagnosis.converged or steps >= most:
+            if steps >= most or (diagnosis.converged if self.enough is None else self.enough(diagnosis)):
                 return chains, diagnosis
 
     def _round(self, number: int, length: int, walks: list[RunningEnsemble], pool: Executor) -> int:

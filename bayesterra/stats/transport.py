@@ -199,7 +199,7 @@ class Proposal:
         return self.mixture.log_density(v) - log_jacobian
 
 
-STEPS = 12
+STEPS = 8
 """Steps of a proposal's fit: after more of them it is no better to draw from."""
 
 
