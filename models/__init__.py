@@ -3,12 +3,14 @@
 if __name__ != "bayesterra.models":  # the folder is importable under a second name from the repository's root
     raise ImportError(f"import this package as 'bayesterra.models', not {__name__!r}")
 
+from dataclasses import MISSING, fields
+from typing import Any
+
 from bayesterra.models.base import WheelSoilModel
 from bayesterra.models.conditions import Conditions, Status
+from bayesterra.models.ding import M1, M2, M3
 from bayesterra.models.forces import Components, Forces
 from bayesterra.models.forward import ForwardModel
-from bayesterra.models.integral import M1
-from bayesterra.models.linear import M2, M3
 from bayesterra.models.load_effect import M2L
 from bayesterra.models.own import ModelParameter, OwnModel
 from bayesterra.models.soil import LOAD_EFFECT_FIELDS, RANGES, SOIL_FIELDS, LoadEffectSoil, Soil
@@ -42,7 +44,11 @@ __all__ = [
 
 def warm_up(*names: str) -> None:
     """Compile every kernel of models, of all without names, or load it from numba's cache, before workers start."""
-    from bayesterra.models.batch import KINDS  # numba is heavy: only where it is needed
-    from bayesterra.models.batch import warm_up as warm_up_kernels
-
-    warm_up_kernels(names or KINDS)
+    soil = Soil(Ks=2.5e6, n0=0.76, n1=1.3, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3)
+    wheel = Wheel(0.157, 0.165, 0.01, 30, shearing_radius_coefficient=0.65)
+    for kind in (MODELS[name] for name in names or MODELS):
+        needed: dict[str, Any] = {field.name: 80.0 for field in fields(kind) if field.default is MISSING}
+        model = kind(**needed)  # M2L needs a mean load
+        theta = [*soil.as_array(), *[0.0] * (len(model.parameters) - len(SOIL_FIELDS))]
+        model.response_jacobian_at([theta], Conditions.of(wheel, 0.2), 80.0)
+        model.components(soil, wheel, 0.2, 0.01)

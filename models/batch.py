@@ -1,6 +1,6 @@
 """Arrays in, arrays out: the numerical interface of the models, on flat parameter sets and rows."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.forces import SINKAGE
 from bayesterra.models.kernels import drivers
-from bayesterra.models.soil import LOAD_EFFECT_FIELDS, Soil
 
 Codes = NDArray[np.int8]
 Plan = tuple[tuple[int, ...], int, bool]
@@ -60,19 +59,3 @@ def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan
     by_theta, by_sinkage = at_root[..., :-1], at_root[..., -1:]
     sinkage = -by_theta[..., :1, :] / by_sinkage[..., :1, :]
     return np.concatenate([sinkage, by_theta[..., 1:, :] + by_sinkage[..., 1:, :] * sinkage], axis=-2)
-
-
-KINDS = {"M1": (0,), "M2": (0, 0), "M2L": (0, 0, 0)}
-"""Models by whose names compiled code differs: M3 runs that of M2."""
-
-
-def warm_up(names: Iterable[str]) -> None:
-    """Run every kernel of models once on a typical soil and wheel."""
-    theta = Soil(Ks=2.5e6, n0=0.76, n1=1.3, c=250.0, phi=0.5568, K=0.012, c1=0.5, c2=-0.3).as_array()[None]
-    rows = np.array([[0.2, 0.2, 0.157, 0.165, 0.167, 0.1635]])
-    for name in names:
-        more = len(LOAD_EFFECT_FIELDS) if name == "M2L" else 0  # parameters of its own, and a column of the rows
-        sets = np.pad(theta, ((0, 0), (0, more)))
-        conditions = np.pad(rows, ((0, 0), (0, min(more, 1))), constant_values=80.0)
-        response_jacobian(sets, conditions, 80.0, (KINDS[name], 0, False))
-        components(sets, conditions, 0.01, (KINDS[name], 0, False))

@@ -19,9 +19,9 @@ from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
 from bayesterra.likelihood.condition_errors import load_slopes, told_loads
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
-from bayesterra.likelihood.intervals import Intervals
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
+from bayesterra.likelihood.sites import Intervals
 from bayesterra.models import Conditions
 from bayesterra.parameters import CHANNELS
 from bayesterra.runtime.engines import usable_processors

@@ -30,8 +30,7 @@ from bayesterra.least_squares.solver import (
     minimise,
     of_the_paper,
 )
-from bayesterra.likelihood.forward import Forward
-from bayesterra.likelihood.nodes import Squares
+from bayesterra.likelihood.forward import Forward, Squares
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior
 from bayesterra.models import M1
 from bayesterra.models.decoupled import MARGIN, leaving

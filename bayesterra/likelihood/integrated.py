@@ -18,9 +18,8 @@ from numpy.random import Generator
 from scipy.interpolate import make_interp_spline
 
 from bayesterra.arrays import FloatArray, in_parts
-from bayesterra.likelihood.forward import Outcomes
+from bayesterra.likelihood.forward import Outcomes, Squares
 from bayesterra.likelihood.likelihood import DOUBLES, Likelihood
-from bayesterra.likelihood.nodes import Squares
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.stats.laws import Law
 from bayesterra.stats.tails import GAUSSIAN

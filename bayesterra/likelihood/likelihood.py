@@ -24,9 +24,8 @@ from bayesterra.arrays import BoolArray, FloatArray, IntArray, frozen, in_parts
 from bayesterra.likelihood import load_integral as sums
 from bayesterra.likelihood import load_integrand as lv
 from bayesterra.likelihood.covariance import TableLaw
-from bayesterra.likelihood.forward import Forward, Outcomes, offset_of, take
-from bayesterra.likelihood.intervals import Intervals
-from bayesterra.likelihood.nodes import Squares
+from bayesterra.likelihood.forward import Forward, Outcomes, Squares, offset_of, take
+from bayesterra.likelihood.sites import Intervals
 from bayesterra.models import kernels as at
 from bayesterra.models.kernels import Codes, Lanes, Plan, called, compiled, inlined
 from bayesterra.stats.tails import GAUSSIAN

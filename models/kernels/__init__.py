@@ -14,8 +14,8 @@ from bayesterra.models.kernels.curve import (
 )
 from bayesterra.models.kernels.elementary import exp, log
 from bayesterra.models.kernels.evaluation import Kind
-from bayesterra.models.kernels.grid_search import can_fall
 from bayesterra.models.kernels.pairs import Codes, Plan, screen
+from bayesterra.models.kernels.solver import can_fall
 from bayesterra.models.kernels.tracing import (
     CURVE,
     CURVE_SIZE,

@@ -9,7 +9,6 @@ from bayesterra.models.checks import FloatArray
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, Whole, called, compiled
 from bayesterra.models.kernels.evaluation import M1, M2L, Kind, evaluate
-from bayesterra.models.kernels.grid_search import can_fall, search_by_grid
 from bayesterra.models.kernels.pairs import (
     LOAD,
     NORMAL_FORCE,
@@ -23,7 +22,7 @@ from bayesterra.models.kernels.pairs import (
     screen_sinkage,
 )
 from bayesterra.models.kernels.quadrature import ROUGH, RULES, choose_rule
-from bayesterra.models.kernels.solver import hand_over, refine, rough_search, start
+from bayesterra.models.kernels.solver import can_fall, hand_over, refine, rough_search, search_by_grid, start
 
 _STEP = 1e-40  # of the complex step: so small that its square vanishes
 

@@ -2,6 +2,10 @@
 
 F_N is close to a power of z, so in logarithms the secant converges fast. A few nodes bring the pair near, all
 nodes finish; the last step is so small that F_DP and M_DR are carried along it linearly, not evaluated again.
+
+Where F_N does not rise all the way to z = r, a grid is searched for the smallest sinkage that carries the load. Over
+the prior box F_N of M1 rises with z wherever c3 >= 0; with c3 < 0 it can start out negative. F_N of M2 and M3 can have
+one maximum, beyond z = 0.36 r, when theta_m is close to theta_1.
 """
 
 import numpy as np
@@ -9,7 +13,7 @@ import numpy as np
 from bayesterra.models.kernels import lanes as at
 from bayesterra.models.kernels.compiler import Lanes, called, inlined
 from bayesterra.models.kernels.elementary import exp, log, root
-from bayesterra.models.kernels.evaluation import Kind, evaluate
+from bayesterra.models.kernels.evaluation import M1, Kind, evaluate
 from bayesterra.models.kernels.quadrature import ROUGH
 
 _MARGIN = 1e-9  # the search ends this far below the radius, relative
@@ -167,3 +171,63 @@ def _finish(ws: Lanes, i: int) -> None:
     ws[at.MOMENT + i] += ws[at.MOMENT_SLOPE + i] * move
     if ws[at.DONE + i] == 0.0 or _is_at_top(ws, i):
         ws[at.X + i] = np.inf
+
+
+_GRID_DEPTH = 12.0  # the grid begins this far below the radius in log z
+_ROUNDS = 40
+_NARROW = 1e-10
+
+
+@called
+def can_fall(ws: Lanes, lane: int, kind: Kind) -> bool:
+    """True where F_N of a lane may be larger below z = r than at it."""
+    return len(kind) != M1 or ws[at.C3 + lane] < 0.0
+
+
+@called
+def search_by_grid(ws: Lanes, lane: int, kind: Kind, which: int, tray: Lanes) -> None:
+    """Fill `tray` with the solution of one lane, the same in all lanes; X = inf where F_N stays below the load."""
+    for start in range(0, at.SIZE, at.LANES):
+        for i in range(at.LANES):
+            tray[start + i] = ws[start + lane]
+    low, high = tray[at.TOP] - _GRID_DEPTH, tray[at.TOP]
+    for _ in range(_ROUNDS):
+        _lay_grid(tray, low, high)
+        misfit(tray, kind, which)
+        carrying = _first_carrying(tray)
+        if carrying < at.LANES:
+            _bracket(tray, carrying)
+            refine(tray, kind, which)
+            return
+        peak = 0
+        for i in range(1, at.LANES):
+            peak = i if tray[at.F + i] > tray[at.F + peak] else peak
+        low, high = tray[at.X + max(peak - 1, 0)], tray[at.X + min(peak + 1, at.LANES - 1)]
+        if high - low < _NARROW:
+            break
+    tray[at.X] = np.inf
+
+
+@called
+def _lay_grid(tray: Lanes, low: float, high: float) -> None:
+    for i in range(at.LANES):
+        tray[at.X + i] = low + (high - low) * i / (at.LANES - 1)
+
+
+@called
+def _first_carrying(tray: Lanes) -> int:
+    for i in range(at.LANES):
+        if tray[at.F + i] >= 0.0:
+            return i
+    return at.LANES
+
+
+@called
+def _bracket(tray: Lanes, carrying: int) -> None:
+    """Start all lanes between the first grid point that carries the load and the one before it."""
+    high = tray[at.X + carrying]
+    low = tray[at.X + carrying - 1] if carrying > 0 else high - _GRID_DEPTH
+    for i in range(at.LANES):
+        tray[at.LOW + i], tray[at.HIGH + i] = low, high
+        tray[at.X + i] = tray[at.X_BEFORE + i] = 0.5 * (low + high)
+        tray[at.SLOPE + i], tray[at.DOUBT + i], tray[at.DONE + i] = 1.0, 1.0, 0.0

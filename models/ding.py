@@ -1,4 +1,4 @@
-"""M2 and M3: closed forms from piecewise linear stresses."""
+"""M1, M2 and M3 of Ding et al. (2015): stresses integrated along the arc, and closed forms from linear ones."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,6 +8,18 @@ import numpy as np
 from bayesterra.models.base import WheelSoilModel
 from bayesterra.models.checks import FloatArray
 from bayesterra.models.contact import Contact
+
+
+@dataclass(frozen=True, kw_only=True)
+class M1(WheelSoilModel):
+    """The integral model, Ding et al. 2015, eqs. (4), (9), (14), (15), to 1e-9 of adaptive quadrature."""
+
+    equations: ClassVar[str] = "stresses (4) and (9) integrated along the arc, (14) and (15)"
+    _kind: ClassVar[tuple[int, ...]] = (0,)
+
+    def _stresses(self, contact: Contact, angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+        normal = contact.normal_stress(angle)
+        return normal, contact.shear_stress(angle, normal)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,8 @@ from paper_wheels import WHEELS
 
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
-from bayesterra.likelihood.forward import Forward
+from bayesterra.likelihood.forward import Forward, Nodes
 from bayesterra.likelihood.likelihood import Likelihood
-from bayesterra.likelihood.nodes import Nodes
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.models import ForwardModel
 from bayesterra.parameters import columns_of
