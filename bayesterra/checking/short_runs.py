@@ -52,7 +52,8 @@ class ShortRuns:
 
     Attributes
     ----------
-    short, adaptation : of the first run, which ends once :func:`enough` is known, or after ``short.max_steps`` steps.
+    short, adaptation : of the first run, which ends once it is :func:`enough`, or after ``short.max_steps`` steps;
+        with groups after these.
     long, long_adaptation : of the second, which ends by the rules of every run.
     """
 

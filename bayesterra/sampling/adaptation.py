@@ -5,8 +5,8 @@ agreement means something. Everything here ends before draws are kept.
 
 Components are added where the proposal falls short (incremental mixture sampling, Raftery and Bao 2010).
 An independent proposal that is thin somewhere leaves walkers standing there: a point whose importance weight
-is a hundred times the mean is left once in some hundred steps. So that is where components are added, one
-after another, each fitted to the points around the greatest weight.
+is a hundred times the mean is left once in some hundred steps. So that is where components are added, a few at
+a time, each fitted to the points around the greatest weight.
 """
 
 from collections.abc import Callable
@@ -253,9 +253,9 @@ NEIGHBOURS = 200
 """Points around the greatest weight that a component is fitted to."""
 WIDENING = 1.3
 ABREAST = 4
-"""Components that are added before their draws are weighed, in one call."""
+"""Components, at most and an eighth of all, that are added before their draws are weighed in one call."""
 THIN = 0.25
-"""Share of the points, those of the greatest weights, among which thin places are looked for."""
+"""Share of the points given, those of the greatest weights, among which thin places are looked for."""
 
 
 def add_components(
@@ -283,8 +283,9 @@ def add_components(
     mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
     places = _Places(straight, mixture.dof, len(u) + components * draws)
     places.add(u, level, mixture)
-    for begun in range(0, components, ABREAST):
-        new = [places.component(share) for _ in range(min(ABREAST, components - begun))]
+    abreast = min(ABREAST, max(1, components // 8))
+    for begun in range(0, components, abreast):
+        new = [places.component(share) for _ in range(min(abreast, components - begun))]
         weights = np.append(mixture.weights, np.full(len(new), share))
         means, factors = (
             np.concatenate([getattr(each, name) for each in (mixture, *new)]) for name in ("means", "factors")
@@ -312,11 +313,11 @@ class _Places:
         log_proposal, start = mixture.log_density(v), self._n
         if not start:
             self._spread = v.std(axis=0) + 1e-300
-            self._least = np.quantile(level - log_proposal, 1.0 - THIN)
-        thin = level - log_proposal >= self._least
-        self._n += int(thin.sum())
+            thin = np.argsort(log_proposal - level)[: max(1, int(THIN * len(v)))]
+            v, level, log_proposal = v[thin], level[thin], log_proposal[thin]
+        self._n += len(v)
         new = slice(start, self._n)
-        self._v[new], self._log_target[new], self._log_proposal[new] = v[thin], level[thin], log_proposal[thin]
+        self._v[new], self._log_target[new], self._log_proposal[new] = v, level, log_proposal
 
     def component(self, share: float) -> mixtures.StudentMixture:
         """Add to the mixture a component about the greatest weight, as wide as the weighted points next to it."""

@@ -207,7 +207,7 @@ def sample(
     adaptation : size of the adaptation; default :class:`AdaptationOptions`.
     checkpoint_store : where every finished adaptation and round is saved. What it holds already is taken from
         there, and the draws are the same to the last bit as if nothing had been.
-    enough : asked after each round whether that will do; by default it goes on until it has converged.
+    enough : asked after each diagnosed round whether that will do; by default it goes on until it has converged.
 
     Raises
     ------

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.random import SeedSequence, default_rng
 
-from bayesterra.runtime.engines import Engine, completed
+from bayesterra.runtime.engines import Engine, completed, usable_processors
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,11 @@ class Sums:
     def runs(self) -> list[str]:
         """Names of the files: number and process of every run that was begun."""
         return sorted(path.name for path in self.folder.iterdir())
+
+
+def processors(number: int) -> float:
+    """Processors that a task may use where it is computed."""
+    return usable_processors()
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ from bayesterra.runtime.engines import (
     usable_processors,
 )
 
-from .tasks import Deadly, Failing, Sums, run
+from .tasks import Deadly, Failing, Sums, processors, run
 
 pytestmark = pytest.mark.usefixtures("importable")
 NUMBERS = range(12)
@@ -137,6 +137,13 @@ def test_what_cannot_be_handed_over_is_said(tmp_path: Path) -> None:
     """A function inside a function."""
     with local_pool(2) as engine, pytest.raises(EngineError, match="cannot be handed to other processes"):
         list(completed(lambda number: number, NUMBERS, engine))
+
+
+def test_a_worker_has_one_processor() -> None:
+    """A worker samples on one thread, as there are as many workers as processors; this process keeps all."""
+    before = usable_processors()
+    assert set(outcomes(processors, local_pool(2)).values()) == {1}
+    assert usable_processors() == before
 
 
 def test_options_of_a_command_choose_the_engine() -> None:

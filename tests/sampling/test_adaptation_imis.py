@@ -68,6 +68,31 @@ def test_the_shored_proposal_is_a_density() -> None:
         assert proposal.mixture.weights.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(
+    ("components", "draws"), [(1, [300]), (6, [300] * 6), (17, [600] * 8 + [300]), (33, [1200] * 8 + [300])]
+)
+def test_components_are_added_in_rounds(components: int, draws: list[int]) -> None:
+    """As many as asked for, an eighth at a time, four at most: the target sees the draws of a round together."""
+    seen = list[int]()
+
+    def watched(u: FloatArray) -> FloatArray:
+        seen.append(len(u))
+        return log_target(u)
+
+    u, level, _ = known(3000)
+    found = add_components(thin(), u, level, watched, default_rng(3), components=components, draws=300)
+    assert len(found.mixture.weights) == len(thin().mixture.weights) + components
+    assert found.mixture.weights.sum() == pytest.approx(1.0)
+    assert seen == draws
+
+
+@pytest.mark.parametrize(("points", "components", "greatest"), [(4096, 16, 3.0), (2048, 4, 40.0)])
+def test_few_components_close_what_is_thin(points: int, components: int, greatest: float) -> None:
+    """In the sizes of short runs and of groups every component counts, so none is set before the last one's draws."""
+    after = log_weights(add_components(thin(), *known(points), default_rng(2), components=components, draws=128))
+    assert np.exp(after.max()) < greatest
+
+
 def test_no_components_change_nothing() -> None:
     """With none to add the proposal is handed back."""
     proposal = thin()

@@ -1,6 +1,5 @@
 """The sampler as a whole: determinism, correctness on small problems, honest stops."""
 
-import os
 from collections.abc import Callable
 from itertools import groupby
 from typing import Any
@@ -16,7 +15,7 @@ from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.sampling.ensemble import Ensemble, Segment
 from bayesterra.sampling.sampler import Progress, Samples, sample
-from bayesterra.stats.diagnostics import effective_size
+from bayesterra.stats.diagnostics import Diagnosis, effective_size
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import StudentMixture, fit_mixture
 from bayesterra.study.noise import Noise
@@ -61,7 +60,7 @@ def test_draws_do_not_depend_on_the_number_of_cores(
 ) -> None:
     """One thread, two threads and a repetition give the same draws bit for bit; another seed others."""
     for cores in (1, 2):
-        monkeypatch.setattr(os, "cpu_count", lambda cores=cores: cores)
+        monkeypatch.setattr(sampler, "usable_processors", lambda cores=cores: cores)
         np.testing.assert_array_equal(sampled(density, 7).chains, samples.chains)
     assert not np.array_equal(sampled(density, 8).chains, samples.chains)
 
@@ -129,6 +128,22 @@ def test_draws_agree_with_importance_sampling_from_the_prior(
     mean, spread = np.exp(likelihood - likelihood.max()).mean(), np.exp(likelihood - likelihood.max()).std()
     evidence = np.mean([a.log_evidence for a in samples.adaptations])
     assert evidence == pytest.approx(np.log(mean) + likelihood.max(), abs=4 * spread / mean / np.sqrt(len(x)) + 0.05)
+
+
+def test_a_run_ends_once_it_is_enough(density: Posterior, short_rounds: int) -> None:
+    """Every round is judged whole, R-hat and all, and the first that is enough is the last."""
+    asked = list[Diagnosis]()
+
+    def enough(diagnosis: Diagnosis) -> bool:
+        asked.append(diagnosis)
+        return len(asked) == 2
+
+    options = SamplingOptions(target_ess=1_000_000, walkers=32, max_steps=4 * short_rounds)
+    samples = sample(density, options, SeedSequence(2), adaptation=QUICK, enough=enough)
+    assert [diagnosis.steps for diagnosis in asked] == [short_rounds, 2 * short_rounds]
+    assert np.isfinite([diagnosis.r_hat for diagnosis in asked]).all()
+    assert samples.chains.shape[1] == 2 * short_rounds
+    assert not samples.diagnosis.converged
 
 
 def test_a_run_out_of_steps_says_so(density: Posterior, short_rounds: int) -> None:
