@@ -154,6 +154,7 @@ QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 REFITS = ShortRuns(
     short=SamplingOptions(target_ess=1000, walkers=64, max_steps=300),
     long=SamplingOptions(target_ess=1000, walkers=64, max_steps=8000),
+    ensembles=4,
 )
 """The sampler of every run, until there are 1000 effective draws."""
 GROUP_REFITS = ShortGroupRuns(short=SamplingOptions(target_ess=1000, walkers=32, max_steps=120), long=REFITS.long)

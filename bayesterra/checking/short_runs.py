@@ -55,12 +55,14 @@ class ShortRuns:
     short, adaptation : of the first run, which ends once it is :func:`enough`, or after ``short.max_steps`` steps;
         with groups after these.
     long, long_adaptation : of the second, which ends by the rules of every run.
+    ensembles : of the first run. Two suffice for ranks: what both miss, the ranks of many replications show.
     """
 
     short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=400)
     adaptation: AdaptationOptions = AdaptationOptions(particles=256, components=8, shores=16)
     long: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=8000)
     long_adaptation: AdaptationOptions = AdaptationOptions()
+    ensembles: int = 2
 
     def __call__(self, study: Study, seed: SeedSequence) -> Fitted:
         """Sample the posterior of a study."""
@@ -75,9 +77,10 @@ class ShortRuns:
         self, study: Study, options: SamplingOptions, seed: SeedSequence, plan: AdaptationOptions
     ) -> Samples | JointSamples:
         """Samples of the posterior of a study."""
-        return sample(
-            posterior(study), options, seed, adaptation=plan, enough=enough if options is self.short else None
-        )
+        target = posterior(study)
+        if options is not self.short:
+            return sample(target, options, seed, adaptation=plan)
+        return sample(target, options, seed, adaptation=plan, enough=enough, ensembles=self.ensembles)
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,7 @@ class ShortGroupRuns(ShortRuns):
     adaptation: AdaptationOptions = AdaptationOptions(
         particles=256, components=6, refinements=(4, 4), more=(), shores=4
     )
+    ensembles: int = 4
     warm_ups: tuple[int, ...] = (15, 30, 60)  # sweeps of the short run's warm-ups
 
     def sampled(

@@ -191,6 +191,7 @@ def sample(
     adaptation: AdaptationOptions | None = None,
     checkpoint_store: CheckpointStore | None = None,
     enough: Callable[[Diagnosis], bool] | None = None,
+    ensembles: int | None = None,
 ) -> Samples:
     """Sample a posterior with independent ensembles.
 
@@ -208,6 +209,7 @@ def sample(
     checkpoint_store : where every finished adaptation and round is saved. What it holds already is taken from
         there, and the draws are the same to the last bit as if nothing had been.
     enough : asked after each diagnosed round whether that will do; by default it goes on until it has converged.
+    ensembles : so many in place of those of the options, which are four at least.
 
     Raises
     ------
@@ -218,12 +220,12 @@ def sample(
     if not target.posterior.names:
         raise StudyError("every parameter is fixed: there is nothing to sample")
     plan, store, clock = adaptation or AdaptationOptions(), checkpoint_store or CheckpointStore(), Clock()
-    *streams, last = seed.spawn(options.ensembles + 1)
+    *streams, last = seed.spawn((ensembles or options.ensembles) + 1)
     task = _Task(target, options, plan, store, clock, Steps(report), last, enough)
-    workers = min(options.ensembles, usable_processors())
+    workers = min(len(streams), usable_processors())
     with threadpool_limits(limits=1), ThreadPoolExecutor(workers) as pool:
         report(Progress("adapting", 0.0))
-        begun = list((pool.map if workers > 1 else map)(task.begun, range(options.ensembles), streams))
+        begun = list((pool.map if workers > 1 else map)(task.begun, range(len(streams)), streams))
         walks = [initialised.walk(target) for initialised in begun]
         adapting = max(initialised.seconds for initialised in begun)
         chains, diagnosis = task.produce(walks, adapting, pool, report)

@@ -27,7 +27,7 @@ def move(
 
     Bent z_j = g_j + exp(h_j) v_j, with polynomials g_j and linear h_j of the bent coordinates before j: these
     are in ``points`` where the map straightens, in ``out``, where they have just been made, where it bends.
-    Terms as in ``_features``; ``limits``: reach of the coordinates, and of the slopes of h_j.
+    Terms as in ``_terms``; ``limits``: reach of the coordinates, and of the slopes of h_j.
     """
     d = points.shape[1]
     reach, most = limits
@@ -107,19 +107,20 @@ class TransportMap:
 
 
 @cache
-def _pairs(k: int) -> tuple[IntArray, IntArray]:
-    """Indices of all products of two of k coordinates."""
-    first, second = np.triu_indices(k)
-    return first, second
+def _terms(k: int) -> tuple[IntArray, tuple[IntArray, ...]]:
+    """Terms of the polynomials of k coordinates: 1, z_i, z_i z_j, z_i³.
 
-
-def _features(z: FloatArray) -> FloatArray:
-    """Polynomial terms (n, f) of coordinates (n, k): 1, z_i, z_i z_j, z_i³."""
-    near = np.clip(z, -REACH, REACH)
-    k = near.shape[1]
-    first, second = _pairs(k)
-    products = near[:, first] * near[:, second]
-    return np.concatenate([np.ones((len(near), 1)), near, products, near**3], axis=1)
+    Returns the factors (3, f) of each, 0 for the number one, i + 1 for z_i, those of the first coordinates first; and
+    for p = 0 … k in which order :func:`move` takes those of p coordinates.
+    """
+    found: list[list[tuple[int, int, int]]] = []
+    for p in range(k + 1):
+        own = range(1, p + 1)
+        products = [(0, i, j) for i in own for j in range(i, p + 1)]
+        found.append([(0, 0, 0), *((0, 0, i) for i in own), *products, *((i, i, i) for i in own)])
+    every = sorted(found[-1], key=lambda factors: factors[::-1])
+    orders = tuple(np.array([every.index(factors) for factors in terms]) for terms in found)
+    return np.array(every).T, orders
 
 
 def fit_transport_map(u: FloatArray, weights: FloatArray, widths: FloatArray, first: int = 0) -> TransportMap:
@@ -132,54 +133,61 @@ def fit_transport_map(u: FloatArray, weights: FloatArray, widths: FloatArray, fi
         narrow are the drivers, those that they narrow most follow from them.
     first : so many of the first coordinates come before all others and stay as they are, standardised.
     """
-    weights = weights / weights.sum()
+    weights, d = weights / weights.sum(), u.shape[1]
     centre = weights @ u
     scale = np.sqrt(weights @ (u - centre) ** 2) + 1e-300
-    z = (u - centre) / scale
     others = first + np.argsort(-scale[first:] / widths[first:], kind="stable")
     order = (*range(first), *(int(j) for j in others))
-    coefficients: list[FloatArray] = []
-    spreads: list[FloatArray] = []
-    for position, j in enumerate(order):
-        before = z[:, order[:position]]
-        terms = _features(before)
-        if position < first:
-            coefficients.append(np.zeros(terms.shape[1]))
-            spreads.append(np.zeros(1 + position))
-            continue
-        residual = z[:, j] - terms @ _least_squares(terms, z[:, j], weights)
-        spreads.append(_spreads(before, residual, weights))
-        even = weights * np.exp(-2.0 * _log_spread(before, spreads[-1]))
-        coefficients.append(_least_squares(terms, z[:, j], even / even.sum()))
-    return TransportMap(order, centre, scale, tuple(coefficients), tuple(spreads))
+    z = np.ascontiguousarray(((u - centre) / scale)[:, order])
+    linear = np.concatenate([np.ones((len(z), 1)), np.clip(z[:, :-1], -REACH, REACH)], axis=1)
+    (one, two, three), orders = _terms(d - 1)
+    terms = linear[:, one] * linear[:, two] * linear[:, three]
+    weighted = terms * weights[:, None]
+    normal, products, plain = terms.T @ weighted, weighted.T @ z, np.zeros((terms.shape[1], d))
+    for p in range(first, d):
+        f = len(orders[p])
+        plain[:f, p] = _ridge(normal[:f, :f], products[:f, p])
+    spreads, log_spread = _spreads(linear, z - terms @ plain, weights)
+    even = weights[:, None] * np.exp(-2.0 * log_spread)
+    even /= even.sum(axis=0)
+    coefficients = [np.zeros(len(orders[p])) for p in range(first)]
+    for p in range(first, d):
+        before = terms[:, : len(orders[p])]
+        weighted = before * even[:, p, None]
+        coefficients.append(_ridge(before.T @ weighted, weighted.T @ z[:, p])[orders[p]])
+    kept = tuple(spreads[p, : 1 + p] if p >= first else np.zeros(1 + p) for p in range(d))
+    return TransportMap(order, centre, scale, tuple(coefficients), kept)
 
 
-def _least_squares(terms: FloatArray, values: FloatArray, weights: FloatArray) -> FloatArray:
+def _ridge(normal: FloatArray, products: FloatArray) -> FloatArray:
     """Coefficients of weighted ridge regression."""
-    weighted = terms * weights[:, None]
-    normal = terms.T @ weighted + 1e-4 * np.eye(terms.shape[1])
-    return np.asarray(np.linalg.solve(normal, weighted.T @ values), dtype=np.float64)
+    return np.asarray(np.linalg.solve(normal + 1e-4 * np.eye(len(normal)), products), dtype=np.float64)
 
 
-def _log_spread(before: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """Log spread h (n,) at coordinates (n, k)."""
-    varying = np.clip(before, -REACH, REACH) @ coefficients[1:]
-    return np.asarray(coefficients[0] + np.clip(varying, -MOST, MOST))
+def _log_spread(linear: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Log spreads (n, d) at 1 and coordinates (n, d), for coefficients (d, d)."""
+    varying = linear[:, 1:] @ coefficients[:, 1:].T
+    return np.asarray(coefficients[:, 0] + np.minimum(np.maximum(varying, -MOST), MOST))
 
 
-def _spreads(before: FloatArray, residual: FloatArray, weights: FloatArray) -> FloatArray:
-    """Coefficients of the log spread of residuals (n,) over coordinates (n, k): scoring for a t law."""
-    terms = np.column_stack([np.ones(len(before)), np.clip(before, -REACH, REACH)])
-    weighted = terms * weights[:, None]
-    information = terms.T @ weighted + np.diag([0.0, *np.full(before.shape[1], 1e-3)])
-    start = 0.5 * np.log(weights @ residual**2 + 1e-300)
-    coefficients = np.array([start, *np.zeros(before.shape[1])])
+def _spreads(linear: FloatArray, residual: FloatArray, weights: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Coefficients (d, d) of log spreads over 1 and the coordinates before, and log spreads (n, d).
+
+    Scoring for a t law of residuals (n, d), of all coordinates at once.
+    """
+    d, weighted, squared = linear.shape[1], linear * weights[:, None], residual**2
+    ridge = np.array([0.0, *np.full(d - 1, 1e-3)])
+    information, inverse = linear.T @ weighted + np.diag(ridge), np.zeros((d, d, d))
+    for p in range(d):
+        inverse[p, : 1 + p, : 1 + p] = np.linalg.inv(information[: 1 + p, : 1 + p])
+    coefficients = np.zeros((d, d))
+    coefficients[:, 0] = 0.5 * np.log(weights @ squared + 1e-300)
     for _ in range(ROUNDS):
-        squares = residual**2 * np.exp(-2.0 * _log_spread(before, coefficients))
+        squares = squared * np.exp(-2.0 * _log_spread(linear, coefficients))
         excess = (HEAVY + 1.0) * squares / (HEAVY + squares) - 1.0
-        slope = weighted.T @ excess - np.array([0.0, *(1e-3 * coefficients[1:])])
-        coefficients = coefficients + 0.5 * (HEAVY + 3.0) / HEAVY * np.linalg.solve(information, slope)
-    return np.asarray(coefficients)
+        slope = excess.T @ weighted - ridge * coefficients
+        coefficients = coefficients + 0.5 * (HEAVY + 3.0) / HEAVY * np.einsum("pij,pj->pi", inverse, slope)
+    return coefficients, _log_spread(linear, coefficients)
 
 
 @dataclass(frozen=True)
