@@ -5,7 +5,7 @@ support of the prior. Importance weights from the full posterior do where their 
 elsewhere, and always with few rows, the posterior without the rows is sampled afresh.
 """
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -16,7 +16,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import FloatArray, spaced
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, spaced
 from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
@@ -30,8 +30,8 @@ DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 1000, 1e7
 """Draws that are weighed, so many numbers of all readings at most."""
 START_DRAWS = 1024
 PIT_DRAWS = 1000
-FINAL_DRAWS = (8192, 32768)
-"""Weighted draws of a refit, and of a second attempt."""
+FINAL_DRAWS = (8192, 8192, 16384)
+"""Weighted draws of a refit, and of a second and third attempt."""
 EVEN = 0.5
 """Pareto k̂ of the weights of a level above which it is left out by a sampling of its own: predictive laws are
 made of these draws, and need more than a mean does."""
@@ -138,15 +138,12 @@ def cross_validate(
     x = spaced(draws, min(DRAWS, max(FEWEST_DRAWS, int(NUMBERS / posterior.likelihood.measured.size))))
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
     density, more = log_rows[1], [level for level in rests if len(level) > 1]
-    m, apart = density.shape[1], posterior.likelihood.rows_apart
-
-    def others(rest: Likelihood) -> Callable[[FloatArray], FloatArray]:
-        return lambda x: rest.log_likelihood(posterior.prior.soil_values(x), posterior.noise_values(x))
+    m, few = density.shape[1], posterior.likelihood.rows_apart and posterior.likelihood.forward.nodes is None
 
     own, *streams = seed.spawn(1 + m + len(more))
     whole = near.mixture(default_rng(own))
     cases = [_Case(near, whole, x, log_rows, (i,), None) for i in range(m)]
-    cases += [_Case(near, whole, x, log_rows, level, None if apart else others(rests[level])) for level in more]
+    cases += [_Case(near, whole, x, log_rows, level, None if few else rests[level]) for level in more]
     limits = np.full(len(cases), EVEN)
     limits[:m] = pareto_limit(len(x)) if m >= few_rows else -np.inf
     results = _results(cases, limits.tolist(), streams)
@@ -213,25 +210,27 @@ class _Weighted:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """Rows to leave out, with draws x (n, d) of the full posterior; ``rest``: density of all others."""
+    """Rows to leave out, with draws x (n, d) of the full posterior; ``rest``: likelihood of all others, if need be."""
 
     near: PosteriorProposal[Any]
     whole: ProposalLaw
     x: FloatArray
     log_rows: tuple[FloatArray, FloatArray]
     rows: Level
-    rest: Callable[[FloatArray], FloatArray] | None
+    rest: Likelihood | None
 
     @cached_property
     def density(self) -> FloatArray:
         """Log density of the rows at the draws, given all others (n,)."""
-        return self.given_others(self.x, *self.log_rows)
-
-    def given_others(self, x: FloatArray, total: FloatArray, rows: FloatArray) -> FloatArray:
-        """Log density (n,) of the rows given all others, from what is said of all, see ``log_rows``."""
+        total, rows = self.log_rows
         if self.rest is None:
             return np.asarray(rows[:, self.rows].sum(axis=1))
-        return total - self.rest(x)
+        return total - self._said(self.rest, self.x)
+
+    def _said(self, likelihood: Likelihood, x: FloatArray) -> FloatArray:
+        """Log likelihood (n,) of sets (n, d)."""
+        posterior = self.near.posterior
+        return likelihood.log_likelihood(posterior.prior.soil_values(x), posterior.noise_values(x))
 
     @cached_property
     def weighted(self) -> _Weighted:
@@ -247,12 +246,11 @@ class _Case:
         """The posterior without the rows; sampled afresh where k̂ is above the limit, ``far`` from these draws too."""
         if self.weighted.k <= limit:
             return self.weighted
-        rng = default_rng(seed)
-        weights = np.exp(self.weighted.log_weights)
-        start = self.near.u[systematic(weights, START_DRAWS, rng)]
-        without = refined(start, self._densities, rng)
-        for n in FINAL_DRAWS:
-            refitted = self._drawn(without, n, rng)
+        rng, refitted = default_rng(seed), self.weighted
+        for n in FINAL_DRAWS:  # again from where the weights of the last attempt lead
+            chosen = systematic(np.exp(refitted.log_weights), START_DRAWS, rng)
+            start = self.near.coordinates.from_physical(refitted.x[chosen])
+            refitted = self._drawn(refined(start, self._densities, rng), n, rng)
             if refitted.reliable:
                 return refitted
         if not far:
@@ -260,33 +258,45 @@ class _Case:
         # without these rows the posterior is quite another one
         return self._drawn(self.near.from_prior(self._densities, rng), FINAL_DRAWS[-1], rng)
 
-    def _terms(self, u: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Parameters, log prior with Jacobian, log density of the rows and the others, −inf where any is."""
+    def _before(self, u: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Parameters, log prior with Jacobian, and which of the sets have one."""
         x, log_jacobian = self.near.coordinates.to_physical(u)
         prior = self.near.posterior.log_before(x)
         supported = (prior > -np.inf) & np.isfinite(log_jacobian)  # coordinates of 1e5 have no digits left
         prior = np.where(supported, prior + np.where(supported, log_jacobian, 0.0), -np.inf)
-        row, others = np.full(len(u), -np.inf), np.full(len(u), -np.inf)
-        inside = np.flatnonzero(supported)
-        total, rows = self.near.posterior.log_rows(x[inside])
-        answered = np.isfinite(rows).all(axis=1)
-        inside, total, rows = inside[answered], total[answered], rows[answered]
-        row[inside] = self.given_others(x[inside], total, rows)
-        others[inside] = total - row[inside]
-        return x, np.where(np.isfinite(row), prior, -np.inf), row, others
+        return x, prior, np.flatnonzero(supported)
 
     def _densities(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log prior and log likelihood of all other rows."""
-        _, prior, _, others = self._terms(u)
-        return prior, others
+        """Log prior and log likelihood of all other rows, to make proposals with."""
+        x, prior, inside = self._before(u)
+        others = np.full(len(u), -np.inf)
+        if self.rest is not None:
+            others[inside] = self._said(self.rest.rough, x[inside])
+        else:
+            answered, _, rest = self._apart(self.near.posterior.rough, x[inside])
+            others[inside[answered]] = rest
+        return np.where(np.isfinite(others), prior, -np.inf), others
+
+    def _apart(self, posterior: Any, x: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+        """Which sets (n, d) have a likelihood, and for these its log for the rows and for all others."""
+        total, rows = posterior.log_rows(x)
+        answered = np.isfinite(rows).all(axis=1)
+        own = rows[answered][:, self.rows].sum(axis=1)
+        return answered, own, total[answered] - own
 
     def _drawn(self, without: ProposalLaw, n: int, rng: Generator) -> _Weighted:
         """Weighted draws of a proposal without the rows and of one with them, where its density is high."""
         proposal = Pair(without, self.whole)
         u = proposal.sample(n, rng)
-        x, prior, row, others = self._terms(u)
-        log_weights = np.where(np.isfinite(prior), prior + others, -np.inf) - proposal.log_density(u)
-        return _Weighted.of(x, log_weights, row)
+        x, prior, inside = self._before(u)
+        if self.rest is None:
+            answered, own, others = self._apart(self.near.posterior, x[inside])
+        else:
+            total, rest = (self._said(of, x[inside]) for of in (self.near.posterior.likelihood, self.rest))
+            answered = np.isfinite(total) & np.isfinite(rest)
+            own, others = (total[answered] - rest[answered]), rest[answered]
+        inside = inside[answered]
+        return _Weighted.of(x[inside], prior[inside] + others - proposal.log_density(u[inside]), own)
 
 
 def _results(

@@ -30,6 +30,8 @@ FEWEST, MORE = 8, 20
 """Nodes of a piece: so many, and so many more for each unit of slip."""
 LAST, SMALL = 3, 2e-9
 """Coefficients at the end that must be small; as a share of radius (sinkage), load (drawbar pull) or both (moment)."""
+ROUGH = (5, 12, 1e-3)
+"""The three where proposals are made: outcomes of most soils are right to 1e-7 then, and no draw hangs on it."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +42,11 @@ class Nodes:
     load: FloatArray  # (k,)
     spread: FloatArray  # (k, m): outcomes of the nodes times this are those of the rows
     tails: FloatArray  # (k, t): likewise the last coefficients of every piece
-    sizes: FloatArray  # (3, t): what the coefficients of an outcome are small against
+    sizes: FloatArray  # (3, t): what the coefficients of an outcome must not be greater than
 
     @classmethod
     def of(cls, model: ForwardModel, rows: Conditions, load: FloatArray, times: int = 1) -> "Nodes | None":
-        """Nodes for some rows, so many ``times`` as many as most soils need.
+        """Nodes for some rows, so many ``times`` as many as most soils need; 0 for rough ones.
 
         None where a model is not known to be smooth, or no wheel and load has enough rows.
         """
@@ -62,7 +64,8 @@ class Nodes:
             return None
         at = np.repeat(first, [len(slip) for slip, _, _ in parts])
         columns = {name: getattr(rows, name)[at] for name in names} | {"slip": np.concatenate([p[0] for p in parts])}
-        sizes = [np.outer((rows.radius[i], load[i], load[i] * rows.radius[i]), np.ones(tails.shape[1]))
+        small = SMALL if times else ROUGH[-1]
+        sizes = [np.outer((rows.radius[i], load[i], load[i] * rows.radius[i]), np.full(tails.shape[1], small))
                  for i, (_, _, tails) in zip(first, parts, strict=True)]  # fmt: skip
         spread = block_diag(*(part[1] for part in parts))[:, np.argsort(np.concatenate(mine))]
         tails, conditions = block_diag(*(part[2] for part in parts)), Conditions(**columns)
@@ -70,7 +73,7 @@ class Nodes:
 
     def tell(self, values: FloatArray) -> BoolArray:
         """True (n,) where outcomes (n, k, 3) of the nodes, NaN without an answer, tell all rows."""
-        return np.asarray((np.abs(values.swapaxes(1, 2) @ self.tails) <= SMALL * self.sizes).all(axis=(1, 2)))
+        return np.asarray((np.abs(values.swapaxes(1, 2) @ self.tails) <= self.sizes).all(axis=(1, 2)))
 
     def at_rows(self, values: FloatArray) -> FloatArray:
         """Outcomes (n, m, 3) of the rows."""
@@ -84,7 +87,8 @@ def _interpolation(slip: FloatArray, bends: FloatArray, times: int) -> tuple[Flo
     """
     slips, place = np.unique(slip, return_inverse=True)
     ends = [slips[0], *np.unique(bends[(bends > slips[0]) & (bends < slips[-1])]), slips[-1]]
-    counts = [times * (FEWEST + round(MORE * (high - low))) for low, high in pairwise(ends)]
+    few, more = (FEWEST, MORE) if times else ROUGH[:2]
+    counts = [max(times, 1) * (few + round(more * (high - low))) for low, high in pairwise(ends)]
     nodes = 1 + sum(counts) - len(counts)  # pieces share their ends
     if len(slips) <= nodes:
         return slips, np.eye(len(slips))[:, place], np.zeros((len(slips), 0))
@@ -201,7 +205,7 @@ class Forward:
     conditions : slip and wheel of every row.
     given : load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m).
     as_read : sinkages are readings, with the zero error of the instrument; else true ones.
-    times : how many times as many nodes tell the rows as most soils need.
+    times : how many times as many nodes tell the rows as most soils need; 0 for fewer.
     """
 
     model: ForwardModel
@@ -263,11 +267,20 @@ class Forward:
     @cached_property
     def finer(self) -> "Forward":
         """The same with more nodes, for soils that bend; then with none."""
-        return replace(self, times=FINER * self.times)
+        return replace(self, times=FINER * self.times or 1)
+
+    @property
+    def rough(self) -> "Forward":
+        """The same with fewer nodes, good enough to make proposals with."""
+        return replace(self, times=0)
+
+    def at_rows(self, nodes: Nodes) -> "Forward":
+        """The same held at nodes as if they were rows."""
+        return replace(self, conditions=nodes.conditions, given=nodes.load, as_read=False, times=FINER + 1)
 
     def at_nodes(self, nodes: Nodes, soil: FloatArray) -> tuple[Outcomes, BoolArray]:
         """Outcomes of the nodes for soil arrays (n, p), and for which of these (n,) they tell all rows."""
-        outcomes = replace(self, conditions=nodes.conditions, given=nodes.load, as_read=False).exact(soil)
+        outcomes = self.at_rows(nodes).exact(soil)
         told = nodes.tell(outcomes.values)
         if self.as_read:
             outcomes.add("sinkage", offset_of(soil))

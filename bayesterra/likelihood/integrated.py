@@ -198,7 +198,8 @@ class IntegratedNoise(Likelihood):
 
     def integrated_out(self, soil: FloatArray, rng: Generator) -> FloatArray:
         """Estimated standard deviations (n, k), SI, drawn from the posterior given the soil (n, p)."""
-        sums = in_parts(lambda part: self._sums(self.forward(part)), self.at_once, soil)
+        forward = self.forward.rough
+        sums = in_parts(lambda part: self._sums(forward(part)), self.at_once, soil)
         pairs = zip(self.integrals, sums.T, strict=True)
         return np.column_stack([integral.draw(own, rng) for integral, own in pairs if integral is not None])
 

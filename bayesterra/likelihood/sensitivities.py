@@ -34,7 +34,7 @@ import numpy as np
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.likelihood.condition_errors import STEP
 from bayesterra.likelihood.covariance import TableLaw
-from bayesterra.likelihood.forward import offset_of, take
+from bayesterra.likelihood.forward import Forward, offset_of, take
 from bayesterra.likelihood.joint import Whole
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
@@ -68,15 +68,7 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
     soil, inputs = prior.soil_values(x), forward.given
     offset = offset_of(soil) if forward.as_read else np.zeros((len(x), 1))
     shift = _column_slopes(prior)[SoilColumns.sinkage_offset] * forward.as_read
-    parameters, shape = forward.model.parameters, (len(x), len(inputs), forward.width)
-    values, slopes = np.empty(shape), np.empty((*shape, len(prior.names)))
-    by_load = np.zeros(shape)
-    for rows, theta in forward.by_wheel(soil):
-        part = take(forward.conditions, rows)
-        at = inputs[rows] - offset if forward.drive.by_sinkage else inputs[rows]
-        values[:, rows], local = forward.slopes(theta, part, at)
-        slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
-        by_load[:, rows] = local[..., -1]
+    values, slopes, by_load = _slopes(forward, prior, soil, offset)
     if forward.drive.by_sinkage:
         slopes -= by_load[..., None] * shift
     else:
@@ -84,7 +76,30 @@ def sensitivities(posterior: Posterior, x: FloatArray) -> Sensitivities:
         slopes[:, :, SINKAGE] += shift
     if forward.drive.latent_load:
         return _with_normal_force(posterior, inputs, values, slopes, by_load)
-    return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(shape))
+    return Sensitivities(posterior.names, forward.outcomes, values, slopes, np.zeros(values.shape))
+
+
+def _slopes(
+    forward: Forward, prior: Prior, soil: FloatArray, offset: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """True values (n, m, width) of soil arrays (n, p), and derivatives by the free parameters and by what is given.
+
+    Where nodes tell the rows they tell the derivatives, too.
+    """
+    nodes, inputs = forward.nodes, forward.given
+    if nodes is not None and forward.at_nodes(nodes, soil)[1].all():
+        few = _slopes(forward.at_rows(nodes), prior, soil, offset)
+        values, slopes, by_load = (np.moveaxis(np.tensordot(part, nodes.spread, (1, 0)), -1, 1) for part in few)
+        return values, slopes, by_load
+    parameters, shape = forward.model.parameters, (len(soil), len(inputs), forward.width)
+    values, slopes, by_load = np.empty(shape), np.empty((*shape, len(prior.names))), np.zeros(shape)
+    for rows, theta in forward.by_wheel(soil):
+        part = take(forward.conditions, rows)
+        at = inputs[rows] - offset if forward.drive.by_sinkage else inputs[rows]
+        values[:, rows], local = forward.slopes(theta, part, at)
+        slopes[:, rows] = local[..., :-1] @ _soil_slopes(prior, float(part.width[0]), parameters)
+        by_load[:, rows] = local[..., -1]
+    return values, slopes, by_load
 
 
 def _soil_slopes(prior: Prior, width: float, parameters: Sequence[str]) -> FloatArray:

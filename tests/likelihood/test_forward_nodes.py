@@ -12,6 +12,7 @@ from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import Forward, Nodes
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.likelihood.sensitivities import score_and_information, sensitivities
 from bayesterra.models import ForwardModel
 from bayesterra.parameters import columns_of
 
@@ -108,6 +109,46 @@ def test_the_likelihood_of_many_rows_is_that_of_each(noise: dict[str, Any]) -> N
     np.testing.assert_allclose(found[told], expected[told], rtol=1e-9, atol=1e-5)
     rest = np.isfinite(expected) & ~told
     np.testing.assert_allclose(found[rest], expected[rest], rtol=1e-9, atol=1e-5)
+
+
+def test_rough_nodes_are_fewer_and_right_where_they_tell() -> None:
+    """Good enough for proposals: soils that fit best have their log likelihood to a tenth; others may be a little off."""
+    whole = target(table())
+    forward, (soil, sizes) = whole.likelihood.forward, soils(whole)
+    rough = forward.rough
+    assert forward.nodes is not None
+    assert rough.nodes is not None
+    assert len(rough.nodes.load) < 0.7 * len(forward.nodes.load)
+    assert rough.finer.times == forward.times
+    at_nodes, told = rough.at_nodes(rough.nodes, soil)
+    assert told.mean() > forward.at_nodes(forward.nodes, soil)[1].mean() + 0.1
+    exact = forward.exact(soil)
+    off = np.abs((rough.nodes.at_rows(at_nodes.values)[told] - exact.values[told]) / SIZES).max(axis=(1, 2))
+    assert np.median(off) < 1e-3
+    assert off.max() < 1.0
+    found = whole.rough.likelihood.log_likelihood(soil, sizes)
+    expected = whole.likelihood.log_likelihood(soil, sizes)
+    np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
+    best = np.argsort(-np.where(np.isfinite(expected), expected, -np.inf))[:20]
+    assert 0.0 < np.abs(found[best] - expected[best]).max() < 0.1
+
+
+def test_nodes_tell_derivatives_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Exactly enough for a mode: those of the model at every row."""
+    whole = target(table())
+    x = draw_cut_prior(whole, 40, np.random.default_rng(2)).x
+    forward = whole.likelihood.forward
+    assert forward.nodes is not None
+    x = x[forward.at_nodes(forward.nodes, whole.prior.soil_values(x))[1]][:3]
+    fast, slope = sensitivities(whole, x), score_and_information(whole, x)
+    monkeypatch.setattr(Nodes, "of", lambda *_, **__: None)
+    again = target(table())
+    exact, expected = sensitivities(again, x), score_and_information(again, x)
+    np.testing.assert_allclose(fast.values, exact.values, rtol=1e-6, atol=1e-9)
+    size = np.abs(exact.by_parameter).max(axis=(0, 1))
+    assert (np.abs(fast.by_parameter - exact.by_parameter).max(axis=(0, 1)) <= 1e-5 * size).all()
+    for found, right in zip(slope, expected, strict=True):
+        np.testing.assert_allclose(found, right, rtol=1e-5, atol=1e-6 * np.abs(right).max())
 
 
 @pytest.mark.parametrize(
