@@ -30,7 +30,8 @@ from bayesterra.stats.transport import TransportMap
 from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
-ROUND_STEPS = 100
+ROUND_STEPS, SOONEST = 50, 100
+"""Steps of a round, and steps before which no run but a short one can have converged."""
 BRIEF = 1e-3
 """Seconds of a call for all walkers below which threads wait for each other longer than they work side by side."""
 DENSE_ROUNDS = 20
@@ -309,7 +310,7 @@ class _Task:
             steps += self._round(number, min(ROUND_STEPS, most - steps), walks, pool)
             if self.checkpoint_store.holds(f"round-{number + 1:04d}"):
                 continue  # an earlier process went on from here
-            if steps < most and not is_diagnosed(number):
+            if steps < most and (not is_diagnosed(number) or (self.enough is None and steps <= SOONEST)):
                 continue
             chains = np.array([walk.chain for walk in walks])
             for begun in range(sum(part.shape[1] for part in drawn), steps, ROUND_STEPS):
