@@ -302,7 +302,7 @@ class _Pool:
     @classmethod
     def of(cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator) -> "_Pool":
         posterior, likelihood = near.posterior, near.posterior.likelihood
-        if (nodes := likelihood.forward.nodes) is not None and likelihood.squares(likelihood.measured) is not None:
+        if (nodes := likelihood.forward.nodes) is not None and likelihood.squares is not None:
             sets = near.propose(mixture, n, rng)
             outcomes, told = likelihood.forward.at_nodes(nodes, posterior.prior.soil_values(sets.x))
             if told.mean() > TOLD:
@@ -318,7 +318,8 @@ class _Pool:
         """Weights (n,) of the sets for a table of readings (m, channels)."""
         if self.modelled is not None:
             return normalised(self.sets.log_base + self.modelled.log_likelihood(likelihood, readings))
-        squares, noise = likelihood.squares(readings) or (), self.posterior.noise_values(self.sets.x)
+        squares = [own.anew(column) for own, column in zip(likelihood.squares or (), readings.T, strict=True)]
+        noise = self.posterior.noise_values(self.sets.x)
         return normalised(self.sets.log_base + likelihood.log_told(squares, self.outcomes, noise))
 
     def explained(self, chosen: IntArray) -> Outcomes:

@@ -14,7 +14,7 @@ of twenty.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.random import Generator, SeedSequence, default_rng
@@ -44,12 +44,13 @@ class TestStatistic:
 def _contrast(degree: int) -> Statistic:
     """Share of the residuals along the polynomial in slip of this degree, orthogonal to all lower ones."""
 
-    def value(z: FloatArray, slip: FloatArray) -> FloatArray:
-        scaled = (slip - slip.mean()) / max(float(np.ptp(slip)), 1e-12)
+    @lru_cache
+    def direction(slips: tuple[float, ...]) -> FloatArray:
+        scaled = (np.array(slips) - np.mean(slips)) / max(float(np.ptp(slips)), 1e-12)
         basis, _ = np.linalg.qr(np.vander(scaled, degree + 1, increasing=True))
-        return np.asarray(z @ basis[:, degree] * np.sign(basis[:, degree] @ scaled**degree))
+        return np.asarray(basis[:, degree] * np.sign(basis[:, degree] @ scaled**degree))
 
-    return value
+    return lambda z, slip: np.asarray(z @ direction(tuple(slip.tolist())))
 
 
 def _neighbours(z: FloatArray, slip: FloatArray) -> FloatArray:

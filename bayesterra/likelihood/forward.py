@@ -113,28 +113,50 @@ class Squares:
     They are |R v − a|² for outcomes v of the nodes, with R no longer than these are many.
     """
 
-    root: FloatArray  # [R a], (at most k + 1, k + 1)
-    count: int  # of readings
-    logs: float  # sum of the logarithms of their scales
+    scale: FloatArray  # of rows (m,)
+    spread: FloatArray  # of outcomes of the nodes over the rows (k, m)
+    read: BoolArray  # rows with a reading
+    basis: FloatArray  # directions (readings, r) along which outcomes move readings
+    root: FloatArray  # R, (r + 1, k), whose last row is 0
+    at: FloatArray  # a, (r + 1,)
 
     @classmethod
     def of(cls, readings: FloatArray, scale: FloatArray, spread: FloatArray) -> "Squares":
         """Of readings (m,), NaN where there is none, with scales (m,)."""
         read = ~np.isnan(readings)
-        columns = np.vstack([spread[:, read], readings[read]]) / scale[read]
-        return cls(np.linalg.qr(columns.T)[1], int(read.sum()), float(np.log(scale[read]).sum()))
+        basis, root = np.linalg.qr((spread[:, read] / scale[read]).T)
+        root = np.vstack([root, np.zeros(len(spread))])
+        return cls(scale, spread, read, basis, root, np.zeros(len(root))).anew(readings)
+
+    def anew(self, readings: FloatArray) -> "Squares":
+        """Those of other readings (m,)."""
+        if (np.isnan(readings) == self.read).any():
+            return Squares.of(readings, self.scale, self.spread)
+        own = readings[self.read] / self.scale[self.read]
+        along = self.basis.T @ own
+        return replace(self, at=np.append(along, np.linalg.norm(own - self.basis @ along)))
+
+    @cached_property
+    def logs(self) -> float:
+        """Sum of the logarithms of the scales of readings."""
+        return float(np.log(self.scale[self.read]).sum())
+
+    @property
+    def count(self) -> int:
+        """Number of readings."""
+        return int(self.read.sum())
 
     def __call__(self, values: FloatArray) -> FloatArray:
         """Sums (n,) for outcomes (n, k) of the nodes."""
         return np.asarray((self.residuals(values) ** 2).sum(axis=1))
 
     def residuals(self, values: FloatArray) -> FloatArray:
-        """Few residuals (..., r) with the same sum of squares, for outcomes (..., k) of the nodes."""
-        return values @ self.root[:, :-1].T - self.root[:, -1]
+        """Few residuals (..., r + 1) with the same sum of squares, for outcomes (..., k) of the nodes."""
+        return values @ self.root.T - self.at
 
     def slopes(self, derivatives: FloatArray) -> FloatArray:
-        """Derivatives (r, p) of :meth:`residuals`, from those (k, p) of the outcomes."""
-        return self.root[:, :-1] @ derivatives
+        """Derivatives (r + 1, p) of :meth:`residuals`, from those (k, p) of the outcomes."""
+        return self.root @ derivatives
 
 
 Codes = NDArray[np.int8]

@@ -82,7 +82,7 @@ class Likelihood:
         """Log likelihood (n,) of soil arrays (n, p); −inf where the model has no answer."""
         if len(soil) > (most := self.at_once):
             return in_parts(self.log_likelihood, most, soil, noise_values)
-        nodes, squares = self.forward.nodes, self._own_squares
+        nodes, squares = self.forward.nodes, self.squares
         if nodes is None or squares is None:
             return self.log_density(self.forward(soil), noise_values)
         outcomes, told = self.forward.at_nodes(nodes, soil)
@@ -101,18 +101,15 @@ class Likelihood:
         return replace(self, forward=self.forward.finer)
 
     @cached_property
-    def _own_squares(self) -> tuple[Squares, ...] | None:
-        return self.squares(self.measured)
-
-    def squares(self, readings: FloatArray) -> tuple[Squares, ...] | None:
-        """Squared residuals of every channel of readings (m, channels) whose rows are told by nodes; else None.
+    def squares(self) -> tuple[Squares, ...] | None:
+        """Squared residuals of every channel of the readings where nodes tell the rows; else None.
 
         None also where there are no :attr:`stated_scales`.
         """
         nodes, scales = self.forward.nodes, self.stated_scales
         if nodes is None or scales is None:
             return None
-        return tuple(Squares.of(*columns, nodes.spread) for columns in zip(readings.T, scales.T, strict=True))
+        return tuple(Squares.of(*columns, nodes.spread) for columns in zip(self.measured.T, scales.T, strict=True))
 
     @cached_property
     def stated_scales(self) -> FloatArray | None:
