@@ -328,20 +328,12 @@ _ZOOMS = 5
 
 @dataclass(frozen=True)
 class Sweep:
-    """Slopes or tow forces that n soils hold over ``SLIPS``.
+    """Slopes or tow forces that n soils hold over ``SLIPS``."""
 
-    Attributes
-    ----------
-    sought : whether slopes (rad) or tow forces (N) are asked for.
-    fixed : the tow force, or the slope, against which they are held.
-    held : (n, slips) slope or tow force; NaN where there is no balanced state.
-    outcome : (n, slips).
-    """
-
-    sought: Sought
-    fixed: float
-    held: FloatArray
-    outcome: IntArray
+    sought: Sought  # whether slopes (rad) or tow forces (N) are asked for
+    fixed: float  # the tow force, or the slope, against which they are held
+    held: FloatArray  # (n, slips) slope or tow force; NaN where there is no balanced state
+    outcome: IntArray  # (n, slips)
 
     @property
     def first(self) -> IntArray:
@@ -469,18 +461,11 @@ def _put(target: State, rows: IntArray, state: State) -> None:
 
 @dataclass(frozen=True)
 class Greatest:
-    """The greatest slope or tow force that each of n soils holds.
+    """The greatest slope or tow force that each of n soils holds."""
 
-    Attributes
-    ----------
-    value : (n,) rad or N; NaN where no slip has an answer.
-    slip : (n,) of the slower axle there.
-    rising : (n,) whether it still rises where the slips, or the answers, end.
-    """
-
-    value: FloatArray
-    slip: FloatArray
-    rising: BoolArray
+    value: FloatArray  # (n,) rad or N; NaN where no slip has an answer
+    slip: FloatArray  # (n,) of the slower axle there
+    rising: BoolArray  # (n,) whether it still rises where the slips, or the answers, end
 
 
 def greatest(rover: Rover, ground: Ground, traction: Sweep, most: float = 1.0) -> Greatest:

@@ -50,27 +50,18 @@ _TAG = re.compile(r"<(sub|sup)>(.*?)</\1>|<[^>]*>", re.DOTALL)
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Export(AnalysisResult):
-    """Files of a result for a manuscript, numbered as its page is.
-
-    Attributes
-    ----------
-    result : of ``run``, of one soil or of groups.
-    asked : formats by option, of :data:`KINDS`.
-    methods : whether to write ``methods.txt``, what was done, in words.
-    bibtex : whether to write ``references.bib``, what those words cite.
-    slips : at which soils for simulators take the exponent, see :func:`chrono_scm`.
-    """
+    """Files of a result for a manuscript, numbered as its page is."""
 
     MARK = "export.json"
     RECORD = Record.having(title=str, kind=str, captions=dict[str, str])
     PAGE = ""
     CALLED = "Folder"
 
-    result: Result
-    asked: Mapping[str, Sequence[str]] = field(default_factory=dict)
-    methods: bool = False
-    bibtex: bool = False
-    slips: tuple[float, ...] = ()
+    result: Result  # of ``run``, of one soil or of groups
+    asked: Mapping[str, Sequence[str]] = field(default_factory=dict)  # formats by option, of :data:`KINDS`
+    methods: bool = False  # whether to write ``methods.txt``, what was done, in words
+    bibtex: bool = False  # whether to write ``references.bib``, what those words cite
+    slips: tuple[float, ...] = ()  # at which soils for simulators take the exponent, see :func:`chrono_scm`
 
     def __post_init__(self) -> None:
         if self.slips and not self._simulated:

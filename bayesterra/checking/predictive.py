@@ -264,28 +264,19 @@ def _slope(posterior: Posterior, x: FloatArray, outcomes: Outcomes) -> FloatArra
 
 @dataclass(frozen=True)
 class ReplicateOptions:
-    """Settings by which replicates and their posteriors are made.
+    """Settings by which replicates and their posteriors are made."""
 
-    Attributes
-    ----------
-    number : replicated tables.
-    pool : parameter sets that all posteriors are weighed from.
-    widening : how much wider than the posterior they are spread.
-    draws : draws of each posterior.
-    fewest : effective draws below which a posterior is looked for around its own centre.
-    local : parameter sets drawn there.
-    searches : such searches at most.
-    """
-
-    number: int = 200
-    pool: int = 8192
-    widening: float = 1.5
-    draws: int = 200
-    fewest: float = 50.0
-    local: int = 1024
-    searches: int = 2
+    number: int = 200  # replicated tables
+    pool: int = 8192  # parameter sets that all posteriors are weighed from
+    widening: float = 1.5  # how much wider than the posterior they are spread
+    draws: int = 200  # draws of each posterior
+    fewest: float = 50.0  # effective draws below which a posterior is looked for around its own centre
+    local: int = 1024  # parameter sets drawn there
+    searches: int = 2  # such searches at most
 
 
+FEW, NUMBERS = 50, 200_000
+"""Draws of a replicate's posterior of many rows: so many numbers of a channel in all, and the fewest."""
 TOLD = 0.9
 """Share of proposed sets from which those of which nodes tell all rows stand for all."""
 
@@ -381,5 +372,6 @@ def _settled(
         local_weights = local.weights(likelihood, readings)
         if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights
-    draws = pool.take(systematic(weights, options.draws, rng)).explaining(likelihood, readings, rng)
+    few = min(options.draws, max(FEW, NUMBERS // len(readings)))
+    draws = pool.take(systematic(weights, few, rng)).explaining(likelihood, readings, rng)
     return Replicate(readings, draws, effective_number(weights))

@@ -131,8 +131,8 @@ def loo_pit(result: Result, channel: str, ax: Axes | None = None) -> Axes:
     ax = own_axes(ax)
     pit = CrossValidation.from_record(result.record["loo"]).pit[channel]
     values = np.sort([p for p in pit if np.isfinite(p)])
-    points = np.arange(1, len(values) + 1) / len(values)
     low, high = ecdf_band(len(values))
+    points = np.arange(1, len(low) + 1) / len(low)
     share = np.searchsorted(values, points, side="right") / len(values)
     ax.fill_between(points, low - points, high - points, color=PRIOR, alpha=0.25, linewidth=0, step="mid")
     ax.axhline(0, color=INK, linewidth=0.7)

@@ -172,22 +172,13 @@ BAND_NAMES = ("q05", "q50", "q95")
 
 @dataclass(frozen=True)
 class Forecast:
-    """One-step-ahead predictive law of a row, channel by channel, and where the readings fell in it.
+    """One-step-ahead predictive law of a row, channel by channel, and where the readings fell in it."""
 
-    Attributes
-    ----------
-    channels : measured outcomes.
-    observed : readings (k,), SI; NaN where not measured, or known by a limit only.
-    quantiles : (3, k) 5, 50 and 95 % of the predicted readings, SI; NaN where the model has no answer.
-    pit : (k,) probability that the reading would be lower than it is; uniform over rows where all is right.
-    no_answer : share of the particles for which the model has no answer at the row's conditions.
-    """
-
-    channels: tuple[str, ...]
-    observed: FloatArray
-    quantiles: FloatArray
-    pit: FloatArray
-    no_answer: float
+    channels: tuple[str, ...]  # measured outcomes
+    observed: FloatArray  # readings (k,), SI; NaN where not measured, or known by a limit only
+    quantiles: FloatArray  # (3, k) 5, 50 and 95 % of the predicted readings, SI; NaN where the model has no answer
+    pit: FloatArray  # (k,) probability that the reading would be lower than it is; uniform over rows where all is right
+    no_answer: float  # share of the particles for which the model has no answer at the row's conditions
 
     @property
     def table(self) -> pd.DataFrame:

@@ -36,16 +36,7 @@ class RowOutcome:
 
 @dataclass
 class FollowedStream(AnalysisResult):
-    """A stream that is being followed.
-
-    Attributes
-    ----------
-    stream : as it stands.
-    table : one entry per row as in ``updates.csv``.
-    soil : number of the soil that the rover is on, by the alarms so far.
-    alarms : all of them.
-    left_out : number of rows that could not be used.
-    """
+    """A stream that is being followed."""
 
     MARK = Stream.MARK
     RECORD = Stream.RECORD
@@ -54,11 +45,11 @@ class FollowedStream(AnalysisResult):
     FIGURES: ClassVar[Mapping[str, str]] = {"rows.png": "bands_over_rows"}
     CALLED = "Written"
 
-    stream: Stream
-    table: list[dict[str, object]] = field(default_factory=list)
-    soil: int = 1
-    alarms: list[Alarm] = field(default_factory=list)
-    left_out: int = 0
+    stream: Stream  # as it stands
+    table: list[dict[str, object]] = field(default_factory=list)  # one entry per row as in ``updates.csv``
+    soil: int = 1  # number of the soil that the rover is on, by the alarms so far
+    alarms: list[Alarm] = field(default_factory=list)  # all of them
+    left_out: int = 0  # number of rows that could not be used
 
     def take(self, table: pd.DataFrame, *, restart: bool) -> RowOutcome:
         """Add a row; one that cannot be used is left out, unless it is the very first.

@@ -25,26 +25,15 @@ floor a search that is to converge may need more; one cut short ends where round
 
 @dataclass(frozen=True)
 class Step:
-    """Fit of one parameter group to one channel: its values are misfits, relative to the largest reading or in SI.
+    """Fit of one parameter group to one channel: its values are misfits, relative to the largest reading or in SI."""
 
-    Parameters
-    ----------
-    group : ``P_I``, ``P_II`` or ``P_III``.
-    channel : the channel fitted.
-    curve : its values (m,) at all rows.
-    measured : its readings (m,), NaN where not measured.
-    complete : (m,) rows in which everything that the curve needs was measured too.
-    needs : the channels behind ``complete``.
-    relative : False: misfits in SI, as ``lsqcurvefit`` has them.
-    """
-
-    group: str
-    channel: str
-    curve: Curve
-    measured: FloatArray
-    complete: BoolArray
-    needs: tuple[str, ...]
-    relative: bool = True
+    group: str  # ``P_I``, ``P_II`` or ``P_III``
+    channel: str  # the channel fitted
+    curve: Curve  # its values (m,) at all rows
+    measured: FloatArray  # its readings (m,), NaN where not measured
+    complete: BoolArray  # (m,) rows in which everything that the curve needs was measured too
+    needs: tuple[str, ...]  # the channels behind ``complete``
+    relative: bool = True  # False: misfits in SI, as ``lsqcurvefit`` has them
 
     def columns(self, settings: Settings) -> list[int]:
         """Columns of the free parameters."""
@@ -127,18 +116,11 @@ _ANGLE = {SOIL_PARAMETERS.index(name) for name in ("c1", "c2")}
 
 @dataclass(frozen=True)
 class ForceCurve:
-    """One force of M1 at all rows, sinkage-driven.
+    """One force of M1 at all rows, sinkage-driven."""
 
-    Parameters
-    ----------
-    model : M1 at the rows.
-    column : index of the force in ``FORCES``.
-    shearless : with τ = 0: F_N is then F_Nσ alone, which the first pass fits.
-    """
-
-    model: ClippedModel
-    column: int
-    shearless: bool = False
+    model: ClippedModel  # M1 at the rows
+    column: int  # index of the force in ``FORCES``
+    shearless: bool = False  # with τ = 0: F_N is then F_Nσ alone, which the first pass fits
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Force (m,)."""

@@ -191,14 +191,9 @@ _Run = Callable[[Forward, FloatArray], FloatArray]
 
 @dataclass(frozen=True)
 class ClippedModel:
-    """A model held at its rows, with rows outside its range clipped.
+    """A model held at its rows, with rows outside its range clipped."""
 
-    Parameters
-    ----------
-    forward : model, drive and conditions.
-    """
-
-    forward: Forward
+    forward: Forward  # model, drive and conditions
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Outcomes (m, 3) for parameters (p,); NaN where no sinkage carries the load."""

@@ -218,24 +218,14 @@ def model_columns(soil: FloatArray, model: ForwardModel) -> FloatArray:
 
 @dataclass(frozen=True)
 class Forward:
-    """A model held at rows: soil parameters in, outcomes of the drive out.
+    """A model held at rows: soil parameters in, outcomes of the drive out."""
 
-    Parameters
-    ----------
-    model : one of the models with its options.
-    drive : what is given; ``both`` is ``load`` with the normal force among the outcomes.
-    conditions : slip and wheel of every row.
-    given : load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m).
-    as_read : sinkages are readings, with the zero error of the instrument; else true ones.
-    times : how many times as many nodes tell the rows as most soils need; 0 for fewer.
-    """
-
-    model: ForwardModel
-    drive: Drive
-    conditions: Conditions
-    given: FloatArray
-    as_read: bool = False
-    times: int = 1
+    model: ForwardModel  # one of the models with its options
+    drive: Drive  # what is given; ``both`` is ``load`` with the normal force among the outcomes
+    conditions: Conditions  # slip and wheel of every row
+    given: FloatArray  # load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m)
+    as_read: bool = False  # sinkages are readings, with the zero error of the instrument; else true ones
+    times: int = 1  # how many times as many nodes tell the rows as most soils need; 0 for fewer
 
     @classmethod
     def of(cls, model: ForwardModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> "Forward":

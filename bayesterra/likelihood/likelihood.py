@@ -38,20 +38,12 @@ DOUBLES = 3e6
 
 @dataclass(frozen=True)
 class Likelihood:
-    """Likelihood of every measured outcome, each with independent noise.
+    """Likelihood of every measured outcome, each with independent noise."""
 
-    Parameters
-    ----------
-    forward : the model at the rows that are in the fit.
-    observations : those rows.
-    noise : noise of each measured outcome.
-    load_range : ends of the flat prior of every load, N; None where loads are known.
-    """
-
-    forward: Forward
-    observations: Observations
-    noise: Sequence[Noise]
-    load_range: tuple[float, float] | None = None
+    forward: Forward  # the model at the rows that are in the fit
+    observations: Observations  # those rows
+    noise: Sequence[Noise]  # noise of each measured outcome
+    load_range: tuple[float, float] | None = None  # ends of the flat prior of every load, N; None where loads are known
 
     together: ClassVar[bool] = False
     """Whether the readings of a row have one law together, in which rounding is one more error."""

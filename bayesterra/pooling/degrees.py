@@ -164,18 +164,11 @@ DEGREE_COLUMNS = ("pooling", "converged", "log_evidence", "log_evidence_error", 
 
 @dataclass(frozen=True, kw_only=True)
 class Degree(Level):
-    """One degree of pooling, and its log evidence.
+    """One degree of pooling, and its log evidence."""
 
-    Attributes
-    ----------
-    name : ``complete``, ``as stated`` or ``none``.
-    converged : of its sampling.
-    left_out : elpd of every row and group, columns ``pooling, what, label, elpd, error, k, reliable``.
-    """
-
-    name: str
-    converged: bool
-    left_out: pd.DataFrame
+    name: str  # ``complete``, ``as stated`` or ``none``
+    converged: bool  # of its sampling
+    left_out: pd.DataFrame  # elpd of every row and group, columns ``pooling, what, label, elpd, error, k, reliable``
 
     def row(self) -> dict[str, Any]:
         """A row of the table."""

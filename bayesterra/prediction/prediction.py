@@ -41,18 +41,11 @@ PREDICTED: dict[str, Channel] = {**{name: CHANNELS[name] for name in Drive.LOAD.
 
 @dataclass(frozen=True)
 class Condition:
-    """What a quantity is asked to be: above or below a value.
+    """What a quantity is asked to be: above or below a value."""
 
-    Attributes
-    ----------
-    text : as it was asked.
-    name : of the quantity.
-    above : whether it is to lie above ``value``, SI, or below.
-    """
-
-    text: str
-    name: str
-    above: bool
+    text: str  # as it was asked
+    name: str  # of the quantity
+    above: bool  # whether it is to lie above ``value``, SI, or below
     value: float
 
     @classmethod

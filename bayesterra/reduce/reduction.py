@@ -21,20 +21,13 @@ from bayesterra.study.units import quantity
 
 @dataclass(frozen=True)
 class Reduction(AnalysisResult):
-    """Rows of drives, or readings of plate tests, and how they came about.
-
-    Attributes
-    ----------
-    logs : as read, offsets subtracted.
-    windows : of drives, with rows or rejected.
-    branches : of plate tests.
-    """
+    """Rows of drives, or readings of plate tests, and how they came about."""
 
     RECORD: ClassVar[type[Record] | None] = None
     VIEW: ClassVar[str] = "bayesterra.reduce.page:reduced"
-    logs: tuple[Log, ...]
-    windows: tuple[Window, ...] = ()
-    branches: tuple["Branch", ...] = ()
+    logs: tuple[Log, ...]  # as read, offsets subtracted
+    windows: tuple[Window, ...] = ()  # of drives, with rows or rejected
+    branches: tuple["Branch", ...] = ()  # of plate tests
 
     @property
     def kept(self) -> tuple[Window, ...]:

@@ -40,28 +40,18 @@ def numbered(sections: Sequence[Section]) -> tuple[Section, ...]:
 
 @dataclass(frozen=True)
 class VerdictPage:
-    """Everything that the template shows, in its order.
-
-    Attributes
-    ----------
-    facts : what was analysed, in one line.
-    warning : what to do about a result that cannot be relied on, else empty.
-    sentence : what may be quoted of the result, where there is one.
-    failures : what could not be made of this page.
-    kind : of the data, where it stands apart from the facts.
-    template : that is filled with it.
-    """
+    """Everything that the template shows, in its order."""
 
     title: str
-    facts: tuple[Cell, ...]
+    facts: tuple[Cell, ...]  # what was analysed, in one line
     verdicts: tuple[Verdict, ...]
     sections: tuple[Section, ...]
     version: str
-    warning: Markup
-    failures: Failures = field(default_factory=Failures, kw_only=True)
-    kind: str = field(default="", kw_only=True)
-    sentence: str = field(default="", kw_only=True)
-    template: str = field(default="report.html", kw_only=True)
+    warning: Markup  # what to do about a result that cannot be relied on, else empty
+    failures: Failures = field(default_factory=Failures, kw_only=True)  # what could not be made of this page
+    kind: str = field(default="", kw_only=True)  # of the data, where it stands apart from the facts
+    sentence: str = field(default="", kw_only=True)  # what may be quoted of the result, where there is one
+    template: str = field(default="report.html", kw_only=True)  # that is filled with it
 
     @property
     def quoted(self) -> Markup:

@@ -266,16 +266,24 @@ def _on_walkers(accepted: FloatArray) -> tuple[Check, ...]:
     )  # fmt: skip
 
 
+PLACES = 200
+"""Places, at most, at which a band of an empirical distribution is told."""
+
+
 @lru_cache
 def ecdf_band(n: int, probability: float = 0.95, simulations: int = 2000) -> tuple[FloatArray, FloatArray]:
     """Simultaneous band of the empirical distribution of n uniform values (Säilynoja et al. 2022).
 
-    Returns lower and upper ends at 1/n, 2/n, ..., 1, such that the whole curve lies inside with the
-    probability given; found by simulation with a fixed stream.
+    Returns lower and upper ends at 1/k, 2/k, ..., 1, with k = n but ``PLACES`` at most, such that the whole curve lies
+    inside with the probability given; found by simulation with a fixed stream.
     """
-    points = np.arange(1, n + 1) / n
-    values = np.sort(default_rng(0).random((simulations, n)), axis=1)
-    counts = np.array([np.searchsorted(sample, points, side="right") for sample in values])
+    k, rng = min(n, PLACES), default_rng(0)
+    points = np.arange(1, k + 1) / k
+    if n > k:
+        counts = rng.multinomial(n, np.full(k, 1 / k), size=simulations).cumsum(axis=1)
+    else:
+        values = np.sort(rng.random((simulations, n)), axis=1)
+        counts = np.array([np.searchsorted(sample, points, side="right") for sample in values])
     tails = np.minimum(binom.cdf(counts, n, points), binom.sf(counts - 1, n, points))[:, :-1].min(axis=1)
     level = np.quantile(tails, 1.0 - probability)
     return binom.ppf(level, n, points) / n, binom.isf(level, n, points) / n
@@ -285,7 +293,7 @@ def calibrated(pit: Sequence[float]) -> bool:
     """True where PIT values, NaN left out, keep inside the 95 % band of uniform ones."""
     values = np.sort([p for p in pit if np.isfinite(p)])
     low, high = ecdf_band(len(values))
-    share = np.searchsorted(values, np.arange(1, len(values) + 1) / len(values), side="right") / len(values)
+    share = np.searchsorted(values, np.arange(1, len(low) + 1) / len(low), side="right") / len(values)
     return bool(((share >= low) & (share <= high)).all())
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bayesterra.checking.predictive_checks import TEST_STATISTICS, applicable, exceedance
-from bayesterra.stats.diagnostics import calibrated, ecdf_band
+from bayesterra.stats.diagnostics import PLACES, calibrated, ecdf_band
 
 SLIP = np.array([0.0, 0.1, 0.1, 0.3, 0.4, 0.6])
 
@@ -62,3 +62,14 @@ def test_values_that_were_not_measured_do_not_count() -> None:
     """NaN among the values changes nothing."""
     pit = [0.1, 0.3, 0.5, 0.7, 0.9]
     assert calibrated([*pit, float("nan")]) == calibrated(pit)
+
+
+def test_the_band_of_many_values_is_told_at_some_places() -> None:
+    """No wider there than every value of its own would make it, and uniform values leave it one time in twenty."""
+    rng = np.random.default_rng(5)
+    low, high = ecdf_band(3000)
+    assert len(low) == len(high) == PLACES
+    points = np.arange(1, PLACES) / PLACES
+    assert ((low[:-1] < points) & (points < high[:-1])).all()
+    assert np.mean([calibrated(list(rng.random(3000))) for _ in range(400)]) == pytest.approx(0.95, abs=0.03)
+    assert np.mean([calibrated(list(rng.random(3000) ** 1.1)) for _ in range(100)]) < 0.3
