@@ -41,7 +41,7 @@ class JointPosterior:
 
     @cached_property
     def rough(self) -> Self:
-        """The same with a :attr:`Likelihood.rough` of every group."""
+        """The same with a :attr:`bayesterra.likelihood.likelihood.Likelihood.rough` of every group."""
         return replace(self, groups={name: own.rough for name, own in self.groups.items()})
 
     @cached_property

@@ -41,12 +41,20 @@ class Size:
 
 @dataclass(frozen=True)
 class Discrepancy:
-    """Error of the model in one channel: a Gaussian process over slip, one curve per wheel."""
+    """Error of the model in one channel: a Gaussian process over slip, one curve per wheel.
 
-    channel: str  # name of the outcome
-    size: Size  # standard deviation of the curve at any slip
-    length: float  # slip over which the curve changes its course
-    kernel: str = "smooth"  # one of ``KERNELS``
+    Attributes
+    ----------
+    channel : name of the outcome.
+    size : standard deviation of the curve at any slip.
+    length : slip over which the curve changes its course.
+    kernel : one of ``KERNELS``.
+    """
+
+    channel: str
+    size: Size
+    length: float
+    kernel: str = "smooth"
 
     @property
     def parameter(self) -> str | None:
@@ -67,12 +75,20 @@ class Discrepancy:
 
 @dataclass(frozen=True)
 class Ripple:
-    """Noise of one channel that hangs together along a sweep, exp(−d/memory) cos(2π d/period) at d rows."""
+    """Noise of one channel that hangs together along a sweep, exp(−d/memory) cos(2π d/period) at d rows.
 
-    channel: str  # name of the outcome
-    size: Size  # standard deviation
-    memory: float  # rows over which the correlation falls to 1/e
-    period: float = np.inf  # rows from crest to crest; infinite where nothing repeats
+    Attributes
+    ----------
+    channel : name of the outcome.
+    size : standard deviation.
+    memory : rows over which the correlation falls to 1/e.
+    period : rows from crest to crest; infinite where nothing repeats.
+    """
+
+    channel: str
+    size: Size
+    memory: float
+    period: float = np.inf
 
     @property
     def parameter(self) -> str | None:

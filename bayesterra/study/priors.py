@@ -29,11 +29,18 @@ class Tie:
 
 @dataclass(frozen=True)
 class Source:
-    """An earlier result that a study takes a prior from: its posterior becomes the prior of some parameters."""
+    """An earlier result that a study takes a prior from: its posterior becomes the prior of some parameters.
 
-    result: Any  # the result's folder, or the result itself
-    take: Mapping[str, str] | None = None  # parameter there by parameter here; None for all of the same name
-    widen: float = 1.0  # factor, at least 1, by which normal scores spread
+    Attributes
+    ----------
+    result : the result's folder, or the result itself.
+    take : parameter there by parameter here; None for all of the same name.
+    widen : factor, at least 1, by which normal scores spread.
+    """
+
+    result: Any
+    take: Mapping[str, str] | None = None
+    widen: float = 1.0
 
     def beside(self, study: Path) -> "Source":
         """The same, with a relative folder understood from that of a study file."""
