@@ -39,23 +39,16 @@ def leaving(theta: Angles, slip: FloatArray) -> Angles:
 
 @dataclass(frozen=True)
 class Contact:
-    """Measured and known values of every row, (m,) each, SI.
-
-    Attributes
-    ----------
-    entrance : θ1 (6).
-    shear_start : θ1' (12).
-    normal, moment : measured F_N and M_DR, NaN where not measured.
-    """
+    """Measured and known values of every row, (m,) each, SI."""
 
     slip: FloatArray
     radius: FloatArray
     width: FloatArray
     shearing_radius: FloatArray
-    entrance: FloatArray
-    shear_start: FloatArray
-    normal: FloatArray
-    moment: FloatArray
+    entrance: FloatArray  # θ1 (6)
+    shear_start: FloatArray  # θ1' (12)
+    normal: FloatArray  # measured F_N and M_DR, NaN where not measured
+    moment: FloatArray  # likewise
 
     @classmethod
     def of(

@@ -222,23 +222,16 @@ def _conditions(wheel: Wheel, slip: FloatArray) -> Conditions:
 
 @dataclass(frozen=True)
 class State:
-    """Balanced states of a rover, p of them, or (n, k); axles front and rear along a last axis.
+    """Balanced states of a rover, p of them, or (n, k); axles front and rear along a last axis."""
 
-    Attributes
-    ----------
-    slope, tow : α, rad, and T, N; (p,).
-    slip, load, sinkage, pull, moment : of one wheel of each axle, (p, 2); SI. NaN where there is no state.
-    outcome : (p,) an :class:`Outcome`.
-    """
-
-    slope: FloatArray
-    tow: FloatArray
-    slip: FloatArray
-    load: FloatArray
-    sinkage: FloatArray
-    pull: FloatArray
-    moment: FloatArray
-    outcome: IntArray
+    slope: FloatArray  # α, rad, and T, N; (p,)
+    tow: FloatArray  # likewise
+    slip: FloatArray  # of one wheel of each axle, (p, 2); SI. NaN where there is no state
+    load: FloatArray  # likewise
+    sinkage: FloatArray  # likewise
+    pull: FloatArray  # likewise
+    moment: FloatArray  # likewise
+    outcome: IntArray  # (p,) an :class:`Outcome`
 
 
 def settle(

@@ -26,7 +26,7 @@ from bayesterra.stats.mixture import ProposalLaw, log_mean, pareto_limit, pareto
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
-DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 1000, 1e7
+DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 500, 1e7
 """Draws that are weighed, so many numbers of all readings at most."""
 START_DRAWS = 1024
 PIT_DRAWS = 1000

@@ -13,7 +13,7 @@ from bayesterra.arrays import BoolArray, FloatArray, spaced
 from bayesterra.checking import predictive_checks
 from bayesterra.checking.levels import BAD, DOUBTFUL, counts, parts_of, predicted, rests, ways
 from bayesterra.checking.loo import CrossValidation, Level, Without, cross_validate
-from bayesterra.checking.predictive import RowPredictions, curve_forward
+from bayesterra.checking.predictive import RowPredictions, curve_forward, one_in
 from bayesterra.checking.predictive_checks import (
     ALARM,
     CONFLICT,
@@ -55,7 +55,8 @@ def standardised(target: Posterior, x: FloatArray) -> FloatArray:
 
 def residuals(result: Result, most: int = DRAWS) -> FloatArray:
     """Standardised residuals of posterior draws, (n, rows in the fit, channels)."""
-    return standardised(posterior(result.study), spread_draws(result, most))
+    few = spread_draws(result, most)
+    return standardised(posterior(result.study), few[:: one_in(len(result.study.observations), len(few))])
 
 
 def estimates(result: Result) -> dict[str, dict[str, float]]:

@@ -32,23 +32,14 @@ LOADS = 4
 
 @dataclass(frozen=True)
 class Candidate:
-    """One drive, or one new sensor on all drives: the rows that it would add.
+    """One drive, or one new sensor on all drives: the rows that it would add."""
 
-    Parameters
-    ----------
-    wheel : name of the wheel of every row.
-    wheels : its dimensions.
-    slip, load : of every row (m,), slip on the shearing radius, N.
-    noise : noise of every channel that is read, in the order of the package.
-    repeats : whether these are the rows of the study, driven once more.
-    """
-
-    wheel: tuple[str, ...]
-    wheels: tuple[Wheel, ...]
-    slip: FloatArray
-    load: FloatArray
-    noise: tuple[Noise, ...]
-    repeats: bool = False
+    wheel: tuple[str, ...]  # name of the wheel of every row
+    wheels: tuple[Wheel, ...]  # its dimensions
+    slip: FloatArray  # of every row (m,), slip on the shearing radius, N
+    load: FloatArray  # likewise
+    noise: tuple[Noise, ...]  # noise of every channel that is read, in the order of the package
+    repeats: bool = False  # whether these are the rows of the study, driven once more
 
     @property
     def channels(self) -> tuple[str, ...]:

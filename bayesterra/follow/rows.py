@@ -227,23 +227,14 @@ def forecast(particles: Particles, posterior: Posterior, newest: Likelihood, rng
 
 @dataclass(frozen=True)
 class Alarm:
-    """An alarm: the soil seems to have changed.
+    """An alarm: the soil seems to have changed."""
 
-    Attributes
-    ----------
-    row : at which this came out.
-    since : row from which on the soil is most probably another one.
-    first, last : rows between which it changed with 90 % of the evidence.
-    log_statistic : log of R, the evidence for a change; see :mod:`bayesterra.follow.changepoint`.
-    rate : false alarms per row, at most, that were accepted; an average over the prior.
-    """
-
-    row: int
-    since: int
-    first: int
-    last: int
-    log_statistic: float
-    rate: float
+    row: int  # at which this came out
+    since: int  # row from which on the soil is most probably another one
+    first: int  # rows between which it changed with 90 % of the evidence
+    last: int  # likewise
+    log_statistic: float  # log of R, the evidence for a change; see :mod:`bayesterra.follow.changepoint`
+    rate: float  # false alarms per row, at most, that were accepted; an average over the prior
 
     @property
     def sentence(self) -> str:
@@ -257,35 +248,20 @@ class Alarm:
 
 @dataclass(frozen=True)
 class Update:
-    """Effect of one row.
+    """Effect of one row."""
 
-    Attributes
-    ----------
-    row : its number in the stream, from 1.
-    forecast : what the earlier rows expected of it.
-    log_predictive : log density of its readings given the earlier rows, all constants included.
-    log_evidence, log_evidence_error : log evidence of all rows so far, and its Monte Carlo error.
-    names : parameters, the last axis of ``quantiles``.
-    quantiles : 5, 50 and 95 % (3, d) of every parameter given all rows so far, SI.
-    effective : effective number of particles.
-    rejuvenations : resamplings with moves that the row asked for; mostly none.
-    log_statistic : log of the evidence R for a change of soil; −inf while none is looked for.
-    alarm : given once, in the row where that evidence passed its limit.
-    seconds : wall time.
-    """
-
-    row: int
-    forecast: Forecast
-    log_predictive: float
-    log_evidence: float
-    log_evidence_error: float
-    names: tuple[str, ...]
-    quantiles: FloatArray
-    effective: float
-    rejuvenations: tuple[Rejuvenation, ...]
-    log_statistic: float
-    alarm: Alarm | None
-    seconds: float
+    row: int  # its number in the stream, from 1
+    forecast: Forecast  # what the earlier rows expected of it
+    log_predictive: float  # log density of its readings given the earlier rows, all constants included
+    log_evidence: float  # log evidence of all rows so far
+    log_evidence_error: float  # its Monte Carlo error
+    names: tuple[str, ...]  # parameters, the last axis of ``quantiles``
+    quantiles: FloatArray  # 5, 50 and 95 % (3, d) of every parameter given all rows so far, SI
+    effective: float  # effective number of particles
+    rejuvenations: tuple[Rejuvenation, ...]  # resamplings with moves that the row asked for; mostly none
+    log_statistic: float  # log of the evidence R for a change of soil; −inf while none is looked for
+    alarm: Alarm | None  # given once, in the row where that evidence passed its limit
+    seconds: float  # wall time
 
     @property
     def predictive(self) -> pd.DataFrame:

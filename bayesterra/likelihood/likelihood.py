@@ -165,6 +165,8 @@ class Likelihood:
 
     def scores(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Normal scores (n, m, k) of readings given all other rows; NaN where there is none."""
+        if len(soil) > (most := self.at_once):
+            return in_parts(self.scores, most, soil, noise_values)
         z = self.standardised(self.predicted(self.forward(soil)), noise_values)
         laws = [noise.tails.normal_score(z[:, :, i]) for i, noise in enumerate(self.noise)]
         return np.stack(laws, axis=2)

@@ -43,24 +43,7 @@ DEGREE = float(np.pi / 180)
 
 @dataclass(frozen=True)
 class RoverOutlook(AnalysisResult):
-    """A rover on the soils of n posterior draws.
-
-    Attributes
-    ----------
-    title : of the study that the draws come from.
-    model : name of its wheel-soil model.
-    rover : weight, dimensions, wheels, and which of these are assumptions.
-    asked : states (n, k) at every slope and tow force that were asked for.
-    over_slope : states at slopes for a smooth curve, against the first tow force.
-    over_tow : the same at tow forces on the first slope; None where no tow force was asked for.
-    slopes, tows : greatest slope without a tow force, greatest tow force on the flat.
-    slopes_driven, tows_driven : the same at slips no higher than the highest that was driven.
-    index : (n, 2) chain and draw of every parameter set, as in ``draws.nc``.
-    driven : lowest and highest slip of the study's rows in the fit.
-    remarks : where rover and loads leave what was measured; one sentence each.
-    basis : of a joint posterior, where the parameters come from; a sentence.
-    conditions : whose probability is asked for.
-    """
+    """A rover on the soils of n posterior draws."""
 
     MARK = "rover.json"
     RECORD = Record.having(
@@ -74,21 +57,21 @@ class RoverOutlook(AnalysisResult):
     CALLED = "Written"
     DIGITS = None
 
-    title: str
-    model: str
-    rover: Rover
-    asked: State
-    over_slope: State
-    over_tow: State | None
-    slopes: Greatest
-    slopes_driven: Greatest
-    tows: Greatest
-    tows_driven: Greatest
-    index: IntArray
-    driven: tuple[float, float]
-    remarks: tuple[str, ...]
-    basis: str = ""
-    conditions: tuple[Condition, ...] = ()
+    title: str  # of the study that the draws come from
+    model: str  # name of its wheel-soil model
+    rover: Rover  # weight, dimensions, wheels, and which of these are assumptions
+    asked: State  # states (n, k) at every slope and tow force that were asked for
+    over_slope: State  # states at slopes for a smooth curve, against the first tow force
+    over_tow: State | None  # the same at tow forces on the first slope; None where no tow force was asked for
+    slopes: Greatest  # greatest slope without a tow force, greatest tow force on the flat
+    slopes_driven: Greatest  # the same at slips no higher than the highest that was driven
+    tows: Greatest  # likewise
+    tows_driven: Greatest  # likewise
+    index: IntArray  # (n, 2) chain and draw of every parameter set, as in ``draws.nc``
+    driven: tuple[float, float]  # lowest and highest slip of the study's rows in the fit
+    remarks: tuple[str, ...]  # where rover and loads leave what was measured; one sentence each
+    basis: str = ""  # of a joint posterior, where the parameters come from; a sentence
+    conditions: tuple[Condition, ...] = ()  # whose probability is asked for
 
     @property
     def probabilities(self) -> pd.DataFrame:

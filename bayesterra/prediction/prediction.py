@@ -137,39 +137,22 @@ class Predicted(AnalysisResult):
 
 @dataclass(frozen=True)
 class Prediction(Predicted):
-    """One wheel under one load, at some slips.
+    """One wheel under one load, at some slips."""
 
-    Attributes
-    ----------
-    title : of the study that the draws come from.
-    name : of the wheel.
-    wheel : its dimensions.
-    load : N.
-    slip : (k,) on the shearing radius, ascending.
-    modelled : (n, k, 4) without noise in the order of ``PREDICTED``, SI; NaN where the model has no answer.
-    readings : the same with the study's measurement noise; NaN also for what was not measured there.
-    reasons : (n, k) why there is no answer: a key of ``REASONS`` of the posterior, 0 where there is one.
-    index : (n, 2) chain and draw of every parameter set, as in ``draws.nc``.
-    driven : lowest and highest slip of the study's rows in the fit.
-    derived, derived_prior : draws of the quantities of ``derived.DERIVED`` for this wheel and load, SI.
-    remarks : where load and wheel leave what was measured; one sentence each.
-    model_error : whether the error of the model itself is part of the outcomes, as a study may state it.
-    """
-
-    title: str
-    name: str
-    wheel: Wheel
-    load: float
-    slip: FloatArray
-    modelled: FloatArray
-    readings: FloatArray
-    reasons: IntArray
-    index: IntArray
-    driven: tuple[float, float]
-    derived: Mapping[str, FloatArray]
-    derived_prior: Mapping[str, FloatArray]
-    remarks: tuple[str, ...]
-    model_error: bool = False
+    title: str  # of the study that the draws come from
+    name: str  # of the wheel
+    wheel: Wheel  # its dimensions
+    load: float  # N
+    slip: FloatArray  # (k,) on the shearing radius, ascending
+    modelled: FloatArray  # (n, k, 4) without noise in the order of ``PREDICTED``, SI; NaN where the model has no answer
+    readings: FloatArray  # the same with the study's measurement noise; NaN also for what was not measured there
+    reasons: IntArray  # (n, k) why there is no answer: a key of ``REASONS`` of the posterior, 0 where there is one
+    index: IntArray  # (n, 2) chain and draw of every parameter set, as in ``draws.nc``
+    driven: tuple[float, float]  # lowest and highest slip of the study's rows in the fit
+    derived: Mapping[str, FloatArray]  # draws of the quantities of ``derived.DERIVED`` for this wheel and load, SI
+    derived_prior: Mapping[str, FloatArray]  # the same of the prior
+    remarks: tuple[str, ...]  # where load and wheel leave what was measured; one sentence each
+    model_error: bool = False  # whether the error of the model itself is part of the outcomes, as a study may state it
 
     @property
     def cases(self) -> "Sequence[Case]":

@@ -139,23 +139,15 @@ UNSEEN = "A second solution that no ensemble found would not show."
 
 @dataclass(frozen=True)
 class Verdict:
-    """One verdict.
+    """One verdict."""
 
-    Attributes
-    ----------
-    name : of what is judged.
-    grade : ``good``, ``doubtful``, ``bad`` or ``note``.
-    claim : what it says, as a clause of a sentence on the whole result.
-    figures, thresholds : behind the word.
-    """
-
-    name: str
+    name: str  # of what is judged
     word: str
-    grade: str
+    grade: str  # ``good``, ``doubtful``, ``bad`` or ``note``
     sentence: "Cell"
-    claim: str = ""
-    figures: Mapping[str, float] = field(default_factory=dict)
-    thresholds: Mapping[str, float] = field(default_factory=dict)
+    claim: str = ""  # what it says, as a clause of a sentence on the whole result
+    figures: Mapping[str, float] = field(default_factory=dict)  # behind the word
+    thresholds: Mapping[str, float] = field(default_factory=dict)  # likewise
 
     @property
     def sign(self) -> str:

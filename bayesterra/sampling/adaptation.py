@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
+from scipy.spatial import KDTree
 
 from bayesterra.arrays import FloatArray
 from bayesterra.stats import mixture as mixtures
@@ -40,6 +41,7 @@ class AdaptationOptions:
     more, enough : further rounds, which take place while less than this share of the draws is effective.
     defence : share of a wide component in the final mixture.
     shores : components added at last where the proposal is thinnest beside the posterior.
+    climbs : steps uphill from each draw of the prior that lies above its neighbours.
     """
 
     particles: int = 1024
@@ -51,6 +53,7 @@ class AdaptationOptions:
     enough: float = 0.3
     defence: float = 0.1
     shores: int = 40
+    climbs: int = 50
 
 
 OF_SOIL_TESTS = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), shores=12)
@@ -76,6 +79,11 @@ class _Particles:
     u: FloatArray
     log_prior: FloatArray
     log_likelihood: FloatArray
+
+    def level(self, temperature: float) -> FloatArray:
+        """Log density (n,) at an inverse temperature."""
+        rest = np.where(np.isneginf(self.log_likelihood), -np.inf, temperature * self.log_likelihood)
+        return self.log_prior + rest
 
     def resampled(self, log_weights: FloatArray, rng: Generator) -> "_Particles":
         """As many points, drawn by weight."""
@@ -106,7 +114,9 @@ def adapt(
     watch : told what is at work, step by step.
     """
     particles = _Particles(start.copy(), *densities(start))
-    evaluations, temperature, travelled = len(start), 0.0, [0.0]
+    watch("peaks")
+    peaks = _climbed(start, particles.level(1.0), densities, options.climbs, rng)
+    evaluations, temperature, travelled = len(start) + len(peaks[0]), 0.0, [0.0]
     while temperature < 1.0:
         step = _next_step(particles.log_likelihood, 1.0 - temperature, options.keep)
         temperature = 1.0 if temperature + step > 1.0 - 1e-9 else temperature + step
@@ -116,7 +126,8 @@ def adapt(
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
-    proposal, efficiency, log_evidence, draws = refine(proposal, particles.u, widths, densities, options, rng, watch)
+    refined = refine(proposal, particles.u, widths, densities, options, rng, watch, peaks)
+    proposal, efficiency, log_evidence, draws = refined
     evaluations += draws + options.shores * (len(start) // 2)
     return Adaptation(particles.u, tuple(travelled), evaluations, proposal, efficiency, log_evidence)
 
@@ -152,7 +163,7 @@ def _move(
         else:
             u, log_ratio = particles.u + _differences(particles.u, d, sweep, rng), np.zeros(n)
         new = _Particles(u, *densities(u))
-        log_ratio += _tempered(new, temperature) - _tempered(particles, temperature)
+        log_ratio += new.level(temperature) - particles.level(temperature)
         particles.accept(new, log_ratio, rng)
     return int(n) * (options.sweeps + 2)
 
@@ -166,10 +177,32 @@ def _differences(u: FloatArray, d: int, sweep: int, rng: Generator) -> FloatArra
     return np.asarray(scale * (u[first] - u[second]))
 
 
-def _tempered(particles: _Particles, temperature: float) -> FloatArray:
-    return particles.log_prior + np.where(
-        np.isneginf(particles.log_likelihood), -np.inf, temperature * particles.log_likelihood
-    )
+NEXT = 10
+"""Neighbours that a draw of the prior must lie above."""
+
+
+def _climbed(
+    u: FloatArray, level: FloatArray, densities: Densities, steps: int, rng: Generator
+) -> tuple[FloatArray, FloatArray]:
+    """Points (k, d) met on the way up from points (n, d), and the log density there (k,).
+
+    A peak too narrow for any particle to keep to it is seen as a point above its neighbours. From each the way goes
+    up by random steps, longer after a good one and shorter after others (Rechenberg's rule).
+    """
+    spread, n = u.std(axis=0) + 1e-300, len(u)
+    near = KDTree(u / spread).query(u / spread, min(NEXT, n - 1) + 1)
+    top = np.flatnonzero((level[near[1][:, 1:]] < level[:, None]).all(axis=1))
+    at, height, size = u[top], level[top], near[0][top, 1] / np.sqrt(u.shape[1])
+    met, heights = [u[:0]], [level[:0]]
+    for _ in range(steps if len(top) else 0):
+        new = at + size[:, None] * spread * rng.standard_normal(at.shape)
+        found = _log_target(densities, new)
+        up = found > height
+        at, height = np.where(up[:, None], new, at), np.where(up, found, height)
+        size *= np.where(up, 1.5, 1.5**-0.25)
+        met.append(new)
+        heights.append(found)
+    return np.concatenate(met), np.concatenate(heights)
 
 
 def refine(
@@ -180,11 +213,13 @@ def refine(
     options: AdaptationOptions,
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
+    peaks: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Proposal, float, float, int]:
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
-    anew; the points ``u`` (n, d) stay in as an anchor.
+    anew; the points ``u`` (n, d) stay in as an anchor. Thin places are looked for at ``peaks``, points (k, d) and their
+    log density, as well.
 
     Returns
     -------
@@ -207,8 +242,13 @@ def refine(
         weights = np.repeat([1.0, 0.5], [len(chosen), len(u)])
         proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
-    tried = (drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
-    proposal = add_components(proposal, *tried, rng, components=options.shores, draws=len(u) // 2)
+    known, level = (drawn.u, drawn.log_target) if peaks is None else (
+        np.concatenate([drawn.u, peaks[0]]), np.concatenate([drawn.log_target, peaks[1]])
+    )  # fmt: skip
+    proposal = add_components(
+        proposal, known, level, lambda points: _log_target(densities, points), rng, components=options.shores,
+        draws=len(u) // 2,
+    )  # fmt: skip
     return proposal, efficiency, log_evidence, len(drawn.u)
 
 

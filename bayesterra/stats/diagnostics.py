@@ -160,24 +160,16 @@ class Diagnosis:
 
     It tells whether they agree with each other and within themselves. It cannot tell of a mode that none of
     them found: they follow one recipe, and a narrow mode that escapes it escapes all of them.
-
-    Attributes
-    ----------
-    names : parameters.
-    ess_bulk, ess_tail, r_hat, tau : per parameter; τ (steps) is pooled over ensembles.
-    acceptance : share of accepted steps, over all walkers.
-    steps : kept steps per walker.
-    checks : every test with its threshold.
     """
 
-    names: tuple[str, ...]
-    ess_bulk: FloatArray
-    ess_tail: FloatArray
-    r_hat: FloatArray
-    tau: FloatArray
-    acceptance: float
-    steps: int
-    checks: tuple[Check, ...]
+    names: tuple[str, ...]  # parameters
+    ess_bulk: FloatArray  # per parameter; τ (steps) is pooled over ensembles
+    ess_tail: FloatArray  # likewise
+    r_hat: FloatArray  # likewise
+    tau: FloatArray  # likewise
+    acceptance: float  # share of accepted steps, over all walkers
+    steps: int  # kept steps per walker
+    checks: tuple[Check, ...]  # every test with its threshold
 
     @property
     def converged(self) -> bool:

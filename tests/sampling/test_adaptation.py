@@ -96,6 +96,34 @@ def test_two_modes_are_both_found() -> None:
     assert found.log_evidence == pytest.approx(evidence, abs=0.1)
 
 
+def needle(d: int, sd: float) -> Densities:
+    """Flat within ten of the origin; a broad peak of weight 0.7 and sd 1, and one of weight 0.3 and ``sd`` apart."""
+
+    def densities(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        logs = [
+            np.log(share / size**d) - 0.5 * ((u - place) ** 2).sum(axis=1) / size**2
+            for share, place, size in ((0.7, -4.0, 1.0), (0.3, 4.0, sd))
+        ]
+        return np.where((np.abs(u) < 10.0).all(axis=1), 0.0, -np.inf), np.logaddexp(*logs)
+
+    return densities
+
+
+@pytest.mark.parametrize(("d", "sd"), [(4, 0.2), (6, 0.4)])
+def test_a_peak_too_narrow_for_tempering_is_climbed(d: int, sd: float) -> None:
+    """It holds a thirty thousandth of the room, so hardly a draw; without steps uphill the proposal misses it."""
+    seen = dict[int, list[float]]()
+    for climbs in (0, 50):
+        shares = []
+        for seed in range(3):
+            rng, options = default_rng(seed), AdaptationOptions(components=8, refinements=(4, 4), climbs=climbs)
+            found = adapt(needle(d, sd), rng.uniform(-10.0, 10.0, (1024, d)), options, rng)
+            shares.append(float((found.proposal.sample(4000, rng)[:, 0] > 2.0).mean()))
+        seen[climbs] = shares
+    assert np.median(seen[0]) < 0.01
+    assert np.median(seen[50]) > 0.1
+
+
 def produce(densities: Densities, starts: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
     """Chains and acceptance of ensembles that adapt alone, each from its own start."""
     ensembles = []
