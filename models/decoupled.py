@@ -47,8 +47,8 @@ class Contact:
     shearing_radius: FloatArray
     entrance: FloatArray  # θ1 (6)
     shear_start: FloatArray  # θ1' (12)
-    normal: FloatArray  # measured F_N and M_DR, NaN where not measured
-    moment: FloatArray  # likewise
+    normal: FloatArray  # measured F_N, NaN where not measured
+    moment: FloatArray  # measured M_DR likewise
 
     @classmethod
     def of(

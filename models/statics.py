@@ -224,13 +224,13 @@ def _conditions(wheel: Wheel, slip: FloatArray) -> Conditions:
 class State:
     """Balanced states of a rover, p of them, or (n, k); axles front and rear along a last axis."""
 
-    slope: FloatArray  # α, rad, and T, N; (p,)
-    tow: FloatArray  # likewise
-    slip: FloatArray  # of one wheel of each axle, (p, 2); SI. NaN where there is no state
-    load: FloatArray  # likewise
-    sinkage: FloatArray  # likewise
-    pull: FloatArray  # likewise
-    moment: FloatArray  # likewise
+    slope: FloatArray  # α, rad, (p,)
+    tow: FloatArray  # T, N, (p,)
+    slip: FloatArray  # of one wheel of each axle, (p, 2); NaN where there is no state
+    load: FloatArray  # N, of one wheel of each axle, as what follows
+    sinkage: FloatArray  # m
+    pull: FloatArray  # N
+    moment: FloatArray  # N m
     outcome: IntArray  # (p,) an :class:`Outcome`
 
 

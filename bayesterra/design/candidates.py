@@ -36,8 +36,8 @@ class Candidate:
 
     wheel: tuple[str, ...]  # name of the wheel of every row
     wheels: tuple[Wheel, ...]  # its dimensions
-    slip: FloatArray  # of every row (m,), slip on the shearing radius, N
-    load: FloatArray  # likewise
+    slip: FloatArray  # of every row (m,), on the shearing radius
+    load: FloatArray  # of every row (m,), N
     noise: tuple[Noise, ...]  # noise of every channel that is read, in the order of the package
     repeats: bool = False  # whether these are the rows of the study, driven once more
 

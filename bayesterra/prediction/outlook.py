@@ -63,10 +63,10 @@ class RoverOutlook(AnalysisResult):
     asked: State  # states (n, k) at every slope and tow force that were asked for
     over_slope: State  # states at slopes for a smooth curve, against the first tow force
     over_tow: State | None  # the same at tow forces on the first slope; None where no tow force was asked for
-    slopes: Greatest  # greatest slope without a tow force, greatest tow force on the flat
+    slopes: Greatest  # without a tow force
     slopes_driven: Greatest  # the same at slips no higher than the highest that was driven
-    tows: Greatest  # likewise
-    tows_driven: Greatest  # likewise
+    tows: Greatest  # tow forces on the flat
+    tows_driven: Greatest  # the same at slips no higher than that
     index: IntArray  # (n, 2) chain and draw of every parameter set, as in ``draws.nc``
     driven: tuple[float, float]  # lowest and highest slip of the study's rows in the fit
     remarks: tuple[str, ...]  # where rover and loads leave what was measured; one sentence each

@@ -146,8 +146,8 @@ class Verdict:
     grade: str  # ``good``, ``doubtful``, ``bad`` or ``note``
     sentence: "Cell"
     claim: str = ""  # what it says, as a clause of a sentence on the whole result
-    figures: Mapping[str, float] = field(default_factory=dict)  # behind the word
-    thresholds: Mapping[str, float] = field(default_factory=dict)  # likewise
+    figures: Mapping[str, float] = field(default_factory=dict)  # numbers behind the word
+    thresholds: Mapping[str, float] = field(default_factory=dict)  # what they are held against
 
     @property
     def sign(self) -> str:

@@ -163,10 +163,10 @@ class Diagnosis:
     """
 
     names: tuple[str, ...]  # parameters
-    ess_bulk: FloatArray  # per parameter; τ (steps) is pooled over ensembles
-    ess_tail: FloatArray  # likewise
-    r_hat: FloatArray  # likewise
-    tau: FloatArray  # likewise
+    ess_bulk: FloatArray  # effective draws of the middle of each parameter
+    ess_tail: FloatArray  # of its 5 and 95 % points
+    r_hat: FloatArray  # of each parameter
+    tau: FloatArray  # autocorrelation time of each, steps, pooled over ensembles
     acceptance: float  # share of accepted steps, over all walkers
     steps: int  # kept steps per walker
     checks: tuple[Check, ...]  # every test with its threshold
