@@ -1,8 +1,8 @@
 """Is the posterior right over the whole prior? Simulation-based calibration of the default configuration.
 
-Usage: python run.py [CASE ...]. Cases: m2, m1, m2-intervals, m2-groups, m2-both-discrepancy, m2-soil-tests,
-m2-noise-halved, m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case takes its
-replications one by one in this process, those of groups and of latent loads in a process for each processor, goes on
+Usage: python run.py [CASE ...]. Cases: m2, m1, m2-estimated-noise, m2-intervals, m2-groups, m2-both-discrepancy,
+m2-soil-tests, m2-noise-halved, m2-jacobian-dropped, m2-rounding-ignored, m2-curve-ignored (default: all). Every case
+takes its replications one by one in this process, M2 and some others in one for each processor, goes on
 where an interrupted run ended, and leaves its ranks, record and report in a folder of its name, and the
 memory of this process in ``memory.csv`` there.
 """
@@ -38,6 +38,8 @@ WHEELS = {name: PAPER_WHEELS[name] for name in ("Wh11", "Wh32")}
 SLIPS = (0.05, 0.1, 0.2, 0.3, 0.4, 0.6)
 NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
 """Standard deviations, SI."""
+UNKNOWN = {"dist": "lognorm", "s": 0.5}
+"""Law of a standard deviation that is estimated; its scale is the known one."""
 STEPS = {"sinkage": 4e-3, "resistance_moment": 1.0}
 """Steps, SI, to which the readings of the cases with intervals are rounded."""
 LIMITS = ("<4", "", "", "", "", ">18")
@@ -60,7 +62,7 @@ CORRELATION = 0.8
 WHEEL = bt.Wheel(0.15735, 0.165, 0.010, 30, shearing_radius_coefficient=0.65)
 
 
-def study(model: str, noise: float = 1.0, *, intervals: bool = False) -> bt.Study:
+def study(model: str, noise: float = 1.0, *, intervals: bool = False, estimated: bool = False) -> bt.Study:
     """Six slips under 80 N, all eight parameters free in the paper's box; the readings only hold places."""
     table = pd.DataFrame(
         {
@@ -72,9 +74,9 @@ def study(model: str, noise: float = 1.0, *, intervals: bool = False) -> bt.Stud
         }
     )
     steps = STEPS if intervals else {}
-    tables: dict[str, Any] = {
-        "noise": {name: Noise(name, sd=noise * sd, resolution=steps.get(name, 0.0)) for name, sd in NOISE.items()}
-    }
+    laws: dict[str, Any] = {name: {"estimate": {**UNKNOWN, "scale": sd}} for name, sd in NOISE.items()}
+    known = {name: Noise(name, sd=noise * sd, resolution=steps.get(name, 0.0)) for name, sd in NOISE.items()}
+    tables: dict[str, Any] = {"noise": laws if estimated else known}
     return bt.Study(
         table,
         {"Wh32": WHEEL},
@@ -264,6 +266,7 @@ class Case(NamedTuple):
     latent: bool = False
     tails: bool = False
     tests: bool = False
+    estimated: bool = False
 
     @property
     def study(self) -> bt.Study:
@@ -272,12 +275,15 @@ class Case(NamedTuple):
             return with_soil_tests()
         if self.latent or self.tails:
             return latent_loads() if self.latent else heavy_tails()
-        return groups() if self.groups else study(self.model, self.noise, intervals=self.intervals)
+        if self.groups:
+            return groups()
+        return study(self.model, self.noise, intervals=self.intervals, estimated=self.estimated)
 
 
 CASES = {
     "m2": Case("M2", 1000),
     "m1": Case("M1", 300),
+    "m2-estimated-noise": Case("M2", 300, estimated=True),
     "m2-intervals": Case("M2", 200, intervals=True),
     "m2-groups": Case("M2", 200, groups=True),
     "m2-both-discrepancy": Case("M2", 200, latent=True),
@@ -309,7 +315,8 @@ def run(case: str) -> Calibration:
             rows.append((progress.done, *resident()))
             print(case, *rows[-1], f"{progress.unsettled} not converged", flush=True)
 
-    engine = bt.local_pool() if todo.groups or todo.latent or todo.tails else None
+    alone = case != "m2" and not (todo.groups or todo.latent or todo.tails or todo.estimated)
+    engine = None if alone else bt.local_pool()
     request = CalibrationRequest(todo.study, todo.n, engine=engine, fit=todo.fit)
     found = calibrate_study(request, out, resume=True, quiet=True, watch=note)
     table = pd.DataFrame(rows, columns=["replications", "resident_mb", "peak_mb"])

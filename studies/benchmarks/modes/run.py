@@ -25,7 +25,7 @@ from bayesterra.study.schema import SamplingOptions
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
-from stored import append, done  # noqa: E402
+from stored import append, done, markdown  # noqa: E402
 
 BROAD, SHARE = 0.05, 0.7
 """Standard deviation of the broad mode in every coordinate of the unit cube, and its share."""
@@ -38,6 +38,7 @@ MOST = 2000
 """Steps after which a run that has not converged is left; ten times what the others take."""
 NEAR = 0.1
 """Error of the narrow mode's share of 0.3 up to which it counts as found."""
+HEADER = ("coordinates", "sd of the narrow mode", "found", "missed, says so", "missed, unsaid", "CPU s", "evaluations")
 FLAT = Law("uniform", lower=0.0, upper=1.0)
 
 
@@ -110,6 +111,18 @@ def one(d: int, width: float, seed: int) -> dict[str, object]:
     }
 
 
+def table() -> str:
+    """The README's table, a row for every width of the narrow mode."""
+    rows = []
+    for (d, width), runs in pd.read_csv(HERE / "modes.csv").groupby(["d", "width"], sort=True):
+        found, said = runs["found"], ~runs["converged"]
+        numbers = (int(found.sum()), int((~found & said).sum()), int((~found & ~said).sum()))
+        rows.append(
+            (d, f"{width:g}", *numbers, f"{runs['cpu_seconds'].median():.1f}", f"{runs['evaluations'].median():.0f}")
+        )
+    return markdown(HEADER, rows)
+
+
 def main() -> None:
     """Make all runs that the table does not hold yet."""
     path = HERE / "modes.csv"
@@ -119,6 +132,7 @@ def main() -> None:
             for run in (run for run in range(1, RUNS + 1) if (d, width, run) not in known):
                 append(path, pd.DataFrame([one(d, width, run)]))
                 print(pd.read_csv(path).tail(1).to_string(header=False), flush=True)
+    print(table())
 
 
 if __name__ == "__main__":

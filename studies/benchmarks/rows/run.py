@@ -29,7 +29,7 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
 from paper_wheels import SOILS, WHEELS  # noqa: E402
-from stored import append, done  # noqa: E402
+from stored import append, done, markdown  # noqa: E402
 
 ROWS = (10, 100, 1000, 10_000)
 LOADS = {"one load": (80.0,), "three loads": (50.0, 80.0, 110.0)}
@@ -40,6 +40,28 @@ ESTIMATED = {name: {"estimate": {"dist": "halfnorm", "scale": sd}} for name, sd 
 QUANTILES = (0.05, 0.5, 0.95)
 LONG = 100_000
 """Effective draws of the long run."""
+
+
+COSTS = {
+    "table": "kind",
+    "rows": "rows",
+    "CPU s": "cpu_seconds",
+    "wall s": "wall_seconds",
+    "peak GB": "peak_gb",
+    "`draws.nc` MB": "draws_mb",
+    "effective draws": "ess",
+}
+EXACT = {"table": "kind", "rows": "rows", "spread against every row": "spread", "greatest move, sd": "moved"}
+LONGEST = {"table": "kind", "rows": "rows", "statistics": "statistics", "rms error": "rms", "worst": "worst"}
+"""Columns of the README's tables, and of the stored ones behind them."""
+FORMS = {
+    "cpu_seconds": ".0f",
+    "wall_seconds": ".0f",
+    "peak_gb": ".2f",
+    "draws_mb": ".0f",
+    "spread": ".1e",
+    "moved": ".1e",
+}
 
 
 def study(kind: str, rows: int) -> bt.Study:
@@ -132,11 +154,21 @@ def _error(a: Samples, b: Samples) -> float:
     return float(np.sqrt(1 / a.diagnosis.ess + 1 / b.diagnosis.ess))
 
 
+def table() -> str:
+    """The README's tables."""
+    cost, exact, long = (pd.read_csv(HERE / f"{part}.csv") for part in PARTS)
+    tables = []
+    for columns, part in ((COSTS, cost), (EXACT, exact), (LONGEST, long)):
+        rows = [[f"{row[name]:{FORMS.get(name, '')}}" for name in columns.values()] for row in part.to_dict("records")]
+        tables.append(markdown(tuple(columns), rows))
+    return "\n\n".join(tables)
+
+
 PARTS = {"cost": (cost, ROWS), "exact": (exact, ROWS[:3]), "long": (long_run, ROWS[3:])}
 
 
 def main(words: list[str]) -> None:
-    """Measure what the tables do not hold yet."""
+    """Measure what the tables do not hold yet; say all of them in the end."""
     for part in words or PARTS:
         measure, sizes = PARTS[part]
         path = HERE / f"{re.sub(r'_run$', '', part)}.csv"
@@ -146,6 +178,8 @@ def main(words: list[str]) -> None:
                 found = measure(kind, rows)
                 print(found, flush=True)
                 append(path, pd.DataFrame([found]))
+    if not words:
+        print(table())
 
 
 if __name__ == "__main__":

@@ -1,0 +1,39 @@
+"""The stored search for narrow second modes: its claims, its README, and one run of it."""
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import pandas as pd
+import pytest
+
+STUDY = Path(__file__).parents[2] / "studies" / "benchmarks" / "modes"
+
+
+@pytest.fixture
+def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    """The study's script."""
+    monkeypatch.syspath_prepend(str(STUDY))
+    monkeypatch.delitem(__import__("sys").modules, "run", raising=False)
+    return importlib.import_module("run")
+
+
+def test_the_readme_says_what_is_stored(script: ModuleType) -> None:
+    """All runs of all widths are there."""
+    assert script.table() in (STUDY / "README.md").read_text(encoding="utf-8")
+    stored = pd.read_csv(STUDY / "modes.csv")
+    runs = {(d, width, run) for d, widths in script.CASES.items() for width in widths for run in range(1, 11)}
+    assert set(stored[["d", "width", "run"]].itertuples(index=False, name=None)) == runs
+
+
+@pytest.mark.parametrize(("d", "width"), [(4, 0.02), (4, 0.01), (6, 0.02)])
+def test_modes_are_found_or_the_run_says_so(d: int, width: float) -> None:
+    """In nine runs of ten at least."""
+    stored = pd.read_csv(STUDY / "modes.csv")
+    runs = stored[(stored["d"] == d) & (stored["width"] == width)]
+    assert (runs["found"] | ~runs["converged"]).sum() >= 9
+
+
+def test_a_narrow_mode_is_found_today(script: ModuleType) -> None:
+    """One run of the first width in two dimensions."""
+    assert script.one(2, 0.02, 1)["found"]
