@@ -48,6 +48,8 @@ COMMANDS: dict[str, tuple[tuple[str, ...], ...]] = {
     "faults/hostile-input": SCRIPT,
     "benchmarks/kernel": SCRIPT,
     "benchmarks/samplers": tuple(("{folder}/run.py", part) for part in ("reference", "compare", "cost", "divide")),
+    "benchmarks/modes": SCRIPT,
+    "benchmarks/rows": SCRIPT,
     "benchmarks/scale-out": SCRIPT,
     "paper": tuple(  # last: it gathers the statements of the others
         (f"{{folder}}/{part}run.py",)

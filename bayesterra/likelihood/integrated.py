@@ -198,10 +198,21 @@ class IntegratedNoise(Likelihood):
 
     def integrated_out(self, soil: FloatArray, rng: Generator) -> FloatArray:
         """Estimated standard deviations (n, k), SI, drawn from the posterior given the soil (n, p)."""
-        forward = self.forward.rough
-        sums = in_parts(lambda part: self._sums(forward(part)), self.at_once, soil)
+        sums = in_parts(self._sums_of, self.at_once, soil)
         pairs = zip(self.integrals, sums.T, strict=True)
         return np.column_stack([integral.draw(own, rng) for integral, own in pairs if integral is not None])
+
+    def _sums_of(self, soil: FloatArray) -> FloatArray:
+        """Sums (n, channels) of soil arrays (n, p), by nodes where these tell the rows."""
+        rough = self.rough
+        if (nodes := rough.forward.nodes) is None or rough.squares is None:
+            return self._sums(self.forward(soil))
+        outcomes, told = rough.forward.at_nodes(nodes, soil)
+        named = zip(self.channels, rough.squares, strict=True)
+        sums = np.column_stack([own(outcomes[name]) for name, own in named])
+        if not told.all():
+            sums[~told] = self._sums(self.forward(soil[~told]))
+        return sums
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from paper_wheels import WHEELS
 import bayesterra as bt
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.forward import Forward, Nodes
+from bayesterra.likelihood.integrated import NoiseIntegral, integrated
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
 from bayesterra.likelihood.sensitivities import score_and_information, sensitivities
@@ -131,6 +132,18 @@ def test_rough_nodes_are_fewer_and_right_where_they_tell() -> None:
     np.testing.assert_array_equal(np.isfinite(found), np.isfinite(expected))
     best = np.argsort(-np.where(np.isfinite(expected), expected, -np.inf))[:20]
     assert 0.0 < np.abs(found[best] / expected[best] - 1).max() < 1e-5
+
+
+def test_noise_is_drawn_from_sums_by_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sums of squared residuals of soils, some of which bend, are those of the model at every row."""
+    inner = integrated(target(table(), noise=dict.fromkeys(KNOWN, ESTIMATED)))
+    assert inner is not None
+    soil = soils(inner, 60)[0][5:]
+    likelihood = inner.likelihood
+    monkeypatch.setattr(NoiseIntegral, "draw", lambda self, own, rng: own)
+    sums = likelihood.integrated_out(soil, np.random.default_rng(1))
+    misfit = likelihood.measured - likelihood.predicted(likelihood.forward.exact(soil))
+    np.testing.assert_allclose(sums, (misfit**2).sum(axis=1), rtol=1e-3)
 
 
 def test_nodes_tell_derivatives_too(monkeypatch: pytest.MonkeyPatch) -> None:

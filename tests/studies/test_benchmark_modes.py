@@ -20,7 +20,9 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
 
 def test_the_readme_says_what_is_stored(script: ModuleType) -> None:
     """All runs of all widths are there."""
-    assert script.table() in (STUDY / "README.md").read_text(encoding="utf-8")
+    text = (STUDY / "README.md").read_text(encoding="utf-8")
+    assert script.table() in text
+    assert script.table("before.csv") in text
     stored = pd.read_csv(STUDY / "modes.csv")
     runs = {(d, width, run) for d, widths in script.CASES.items() for width in widths for run in range(1, 11)}
     assert set(stored[["d", "width", "run"]].itertuples(index=False, name=None)) == runs
@@ -35,5 +37,5 @@ def test_modes_are_found_or_the_run_says_so(d: int, width: float) -> None:
 
 
 def test_a_narrow_mode_is_found_today(script: ModuleType) -> None:
-    """One run of the first width in two dimensions."""
+    """One run with a broader mode than any stored one."""
     assert script.one(2, 0.02, 1)["found"]

@@ -111,10 +111,10 @@ def one(d: int, width: float, seed: int) -> dict[str, object]:
     }
 
 
-def table() -> str:
-    """The README's table, a row for every width of the narrow mode."""
+def table(name: str = "modes.csv") -> str:
+    """A table of the README, a row for every width of the narrow mode."""
     rows = []
-    for (d, width), runs in pd.read_csv(HERE / "modes.csv").groupby(["d", "width"], sort=True):
+    for (d, width), runs in pd.read_csv(HERE / name).groupby(["d", "width"], sort=True):
         found, said = runs["found"], ~runs["converged"]
         numbers = (int(found.sum()), int((~found & said).sum()), int((~found & ~said).sum()))
         rows.append(
