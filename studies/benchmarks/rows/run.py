@@ -38,7 +38,7 @@ NOISE = {"sinkage": 1e-3, "drawbar_pull": 1.5, "resistance_moment": 0.3}
 """Standard deviations, SI."""
 ESTIMATED = {name: {"estimate": {"dist": "halfnorm", "scale": sd}} for name, sd in NOISE.items()}
 QUANTILES = (0.05, 0.5, 0.95)
-LONG = 100_000
+LONG = 40_000
 """Effective draws of the long run."""
 
 
