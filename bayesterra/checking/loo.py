@@ -22,7 +22,15 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.runtime.engines import usable_processors
 from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
-from bayesterra.stats.mixture import ProposalLaw, log_mean, pareto_limit, pareto_smoothed, systematic, weighted_log_mean
+from bayesterra.stats.mixture import (
+    ProposalLaw,
+    effective_number,
+    log_mean,
+    pareto_limit,
+    pareto_smoothed,
+    systematic,
+    weighted_log_mean,
+)
 
 FEW_ROWS = 20
 """Below this number of rows each is left out by a sampling of its own."""
@@ -32,6 +40,8 @@ START_DRAWS = 1024
 PIT_DRAWS = 1000
 FINAL_DRAWS = (8192, 8192, 16384)
 """Weighted draws of a refit, and of a second and third attempt."""
+EFFECTIVE = 1000
+"""Effective draws below which there is another attempt: the ends of predictive laws scatter with fewer."""
 EVEN = 0.5
 """Pareto k̂ of the weights of a level above which it is left out by a sampling of its own: predictive laws are
 made of these draws, and need more than a mean does."""
@@ -204,6 +214,10 @@ class _Weighted:
         return Without(self.x[chosen], self.reliable)
 
     @property
+    def effective(self) -> float:
+        return effective_number(np.exp(self.log_weights))
+
+    @property
     def reliable(self) -> bool:
         return self.estimate()[1] < CLOSE and self.k < pareto_limit(len(self.x))
 
@@ -246,15 +260,17 @@ class _Case:
         """The posterior without the rows; sampled afresh where k̂ is above the limit, ``far`` from these draws too."""
         if self.weighted.k <= limit:
             return self.weighted
-        rng, refitted = default_rng(seed), self.weighted
+        rng, refitted, best = default_rng(seed), self.weighted, None
         for n in FINAL_DRAWS:  # again from where the weights of the last attempt lead
             chosen = systematic(np.exp(refitted.log_weights), START_DRAWS, rng)
             start = self.near.coordinates.from_physical(refitted.x[chosen])
             refitted = self._drawn(refined(start, self._densities, rng), n, rng)
-            if refitted.reliable:
-                return refitted
-        if not far:
-            return refitted
+            if refitted.reliable and (best is None or refitted.effective > best.effective):
+                best = refitted
+            if best is not None and best.effective >= EFFECTIVE:
+                break
+        if best is not None or not far:
+            return best or refitted
         # without these rows the posterior is quite another one
         return self._drawn(self.near.from_prior(self._densities, rng), FINAL_DRAWS[-1], rng)
 

@@ -29,8 +29,8 @@ PEAKS = [multivariate_normal([side * FAR, 0.0, 0.0], 0.25 * np.eye(3)) for side 
 
 def two_modes(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """A wide normal prior and two narrow likelihood peaks, 80 standard deviations apart, 3 to 1."""
-    left, right = (law.logpdf(u) for law in PEAKS)
-    return WIDE.logpdf(u), np.logaddexp(np.log(0.75) + left, np.log(0.25) + right)
+    prior, left, right = (np.atleast_1d(law.logpdf(u)) for law in (WIDE, *PEAKS))
+    return prior, np.logaddexp(np.log(0.75) + left, np.log(0.25) + right)
 
 
 def wide_starts() -> list[FloatArray]:
