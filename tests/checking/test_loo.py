@@ -11,6 +11,7 @@ from numpy.random import SeedSequence, default_rng
 from scipy.special import logsumexp, ndtr
 
 from bayesterra.arrays import FloatArray
+from bayesterra.checking import loo
 from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, cross_validate, difference
 from bayesterra.likelihood.forward import Outcomes
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
@@ -100,6 +101,35 @@ def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
     full = logsumexp(grid.prior + grid.rows.sum(axis=1))
     at_all = logsumexp(grid.prior[:, None] + grid.rows.sum(axis=1)[:, None] + grid.rows, axis=0) - full
     assert found.effective_parameters == pytest.approx(at_all.sum() - grid.elpd.sum(), abs=0.15)
+
+
+@pytest.mark.parametrize("enough", [0.0, np.inf])
+def test_attempts_end_once_enough_draws_are_effective(
+    study: Study, monkeypatch: pytest.MonkeyPatch, enough: float
+) -> None:
+    """With few rows each is sampled anew, three times at most; the draws kept are those of the best attempt."""
+    monkeypatch.setattr(loo, "EFFECTIVE", enough)
+    monkeypatch.setattr(loo, "FINAL_DRAWS", (4096, 4096, 4096))
+    seen, drawn, result = dict[Any, list[Any]](), loo._Case._drawn, loo._Case.result
+    kept = dict[Any, Any]()
+
+    def watched(case: Any, *rest: Any) -> Any:
+        seen.setdefault(case.rows, []).append(found := drawn(case, *rest))
+        return found
+
+    def ended(case: Any, *rest: Any, **more: Any) -> Any:
+        kept[case.rows] = found = result(case, *rest, **more)
+        return found
+
+    monkeypatch.setattr(loo._Case, "_drawn", watched)
+    monkeypatch.setattr(loo._Case, "result", ended)
+    density = posterior(study)
+    cross_validate(density, draws_of(density), SeedSequence(1), {})
+    assert len(seen) == 6
+    for rows, found in seen.items():
+        assert [each.reliable for each in found].index(True) == len(found) - 1 or len(found) == 3
+        assert len(found) == 3 or enough == 0.0
+        assert kept[rows] is max((each for each in found if each.reliable), key=lambda each: each.effective)
 
 
 def test_weights_do_where_k_allows_and_only_there(weighted: CrossValidation, grid: Grid) -> None:
