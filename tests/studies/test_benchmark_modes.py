@@ -1,21 +1,19 @@
 """The stored search for narrow second modes: its claims, its README, and one run of it."""
 
-import importlib
 from pathlib import Path
 from types import ModuleType
 
 import pandas as pd
 import pytest
+from scripts import loaded
 
 STUDY = Path(__file__).parents[2] / "studies" / "benchmarks" / "modes"
 
 
-@pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
     """The study's script."""
-    monkeypatch.syspath_prepend(str(STUDY))
-    monkeypatch.delitem(__import__("sys").modules, "run", raising=False)
-    return importlib.import_module("run")
+    return loaded(STUDY / "run.py")
 
 
 def test_the_readme_says_what_is_stored(script: ModuleType) -> None:

@@ -1,6 +1,5 @@
 """The stored costs from ten rows to ten thousand: what the README says of them, and the exact path once more."""
 
-import importlib
 from pathlib import Path
 from types import ModuleType
 from unittest.mock import patch
@@ -8,6 +7,7 @@ from unittest.mock import patch
 import numpy as np
 import pandas as pd
 import pytest
+from scripts import loaded
 
 import bayesterra as bt
 from bayesterra.likelihood.forward import Nodes
@@ -16,12 +16,10 @@ from bayesterra.likelihood.posterior import draw_cut_prior
 STUDY = Path(__file__).parents[2] / "studies" / "benchmarks" / "rows"
 
 
-@pytest.fixture
-def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
     """The study's script."""
-    monkeypatch.syspath_prepend(str(STUDY))
-    monkeypatch.delitem(__import__("sys").modules, "run", raising=False)
-    return importlib.import_module("run")
+    return loaded(STUDY / "run.py")
 
 
 def test_the_readme_says_what_is_stored(script: ModuleType) -> None:
