@@ -119,7 +119,7 @@ def adapted(densities: Densities, seed: int) -> tuple[Evidence, list[float]]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", some([2, 3], 1))
+@pytest.mark.parametrize("seed", some([1, 2], 1))
 def test_a_funnel_that_all_proposals_miss_a_part_of_is_not_called_reliable(seed: int) -> None:
     """The weights show nothing; what each ensemble found alone does, and the error covers the truth."""
     found, own = adapted(funnel, seed)
