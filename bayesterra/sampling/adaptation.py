@@ -104,6 +104,7 @@ def adapt(
     options: AdaptationOptions,
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
+    rough: Densities | None = None,
 ) -> Adaptation:
     """Carry points from the prior to the posterior and fit a proposal to them.
 
@@ -112,16 +113,18 @@ def adapt(
     densities : log prior and log likelihood in sampling coordinates.
     start : draws of the cut prior in sampling coordinates (particles, d).
     watch : told what is at work, step by step.
+    rough : cheaper densities, a little off, for the way to the posterior; all that is weighed has the others.
     """
-    particles = _Particles(start.copy(), *densities(start))
+    way = rough or densities
+    particles = _Particles(start.copy(), *way(start))
     watch("peaks")
-    peaks = _climbed(start, particles.level(1.0), densities, options.climbs, rng)
+    peaks = _climbed(start, particles.level(1.0), way, options.climbs, rng)
     evaluations, temperature, travelled = len(start) + len(peaks[0]), 0.0, [0.0]
     while temperature < 1.0:
         step = _next_step(particles.log_likelihood, 1.0 - temperature, options.keep)
         temperature = 1.0 if temperature + step > 1.0 - 1e-9 else temperature + step
         particles = particles.resampled(step * particles.log_likelihood, rng)
-        evaluations += _move(particles, densities, temperature, start.std(axis=0), options, rng)
+        evaluations += _move(particles, way, temperature, start.std(axis=0), options, rng)
         travelled.append(temperature)
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
@@ -242,13 +245,9 @@ def refine(
         weights = np.repeat([1.0, 0.5], [len(chosen), len(u)])
         proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
-    known, level = (drawn.u, drawn.log_target) if peaks is None else (
-        np.concatenate([drawn.u, peaks[0]]), np.concatenate([drawn.log_target, peaks[1]])
-    )  # fmt: skip
-    proposal = add_components(
-        proposal, known, level, lambda points: _log_target(densities, points), rng, components=options.shores,
-        draws=len(u) // 2,
-    )  # fmt: skip
+    tried = (drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
+    shores, draws = options.shores, len(u) // 2
+    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=peaks)
     return proposal, efficiency, log_evidence, len(drawn.u)
 
 
@@ -307,6 +306,7 @@ def add_components(
     *,
     components: int,
     draws: int,
+    peaks: tuple[FloatArray, FloatArray] | None = None,
 ) -> Proposal:
     """Add components to a proposal where its importance weights are greatest.
 
@@ -316,13 +316,16 @@ def add_components(
     log_target : the log density itself.
     components : number of components to add; 0 adds none.
     draws : draws of each new component, among which the next greatest weight is looked for too.
+    peaks : further points and their log density; distances are measured without them, as they lie all over the prior.
     """
     if not components:
         return proposal
     straight, share = proposal.transport_map, SHARE / components
     mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
-    places = _Places(straight, mixture.dof, len(u) + components * draws)
+    further = peaks or (u[:0], level[:0])
+    places = _Places(straight, mixture.dof, len(u) + len(further[0]) + components * draws)
     places.add(u, level, mixture)
+    places.add(*further, mixture)
     abreast = min(ABREAST, max(1, components // 8))
     for begun in range(0, components, abreast):
         new = [places.component(share) for _ in range(min(abreast, components - begun))]

@@ -31,7 +31,7 @@ from bayesterra.study.schema import SamplingOptions
 
 WARM_UP_STEPS = 50
 ROUND_STEPS, SOONEST = 50, 100
-"""Steps of a round, and steps before which no run but a short one can have converged."""
+"""Steps of a round, and steps before which only short runs are asked whether they have converged."""
 BRIEF = 1e-3
 """Seconds of a call for all walkers below which threads wait for each other longer than they work side by side."""
 DENSE_ROUNDS = 20
@@ -290,7 +290,7 @@ class _Task:
         target, walkers = self.target, self.options.walkers
         prior = draw_cut_prior(target.posterior, max(self.plan.particles, walkers), rng)
         start = target.coordinates.from_physical(prior.x)
-        adaptation = adapt(target.rough.densities, start, self.plan, rng, watch)
+        adaptation = adapt(target.densities, start, self.plan, rng, watch, target.rough.densities)
         chosen = rng.choice(len(adaptation.u), size=walkers, replace=False)
         straight, mixture = adaptation.proposal.transport_map, adaptation.proposal.mixture
         begin, _ = straight.inverse(adaptation.u[chosen])
@@ -310,7 +310,7 @@ class _Task:
             steps += self._round(number, min(ROUND_STEPS, most - steps), walks, pool)
             if self.checkpoint_store.holds(f"round-{number + 1:04d}"):
                 continue  # an earlier process went on from here
-            if steps < most and (not is_diagnosed(number) or (self.enough is None and steps <= SOONEST)):
+            if steps < most and (not is_diagnosed(number) or (self.enough is None and steps < SOONEST)):
                 continue
             chains = np.array([walk.chain for walk in walks])
             for begun in range(sum(part.shape[1] for part in drawn), steps, ROUND_STEPS):

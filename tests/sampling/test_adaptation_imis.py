@@ -57,6 +57,20 @@ def test_the_greatest_weights_shrink() -> None:
     assert shares[1] > 2 * shares[0]
 
 
+def test_further_points_all_over_the_prior_are_no_yardstick() -> None:
+    """Scattered along one coordinate they leave the components as narrow there as without them."""
+    rng = default_rng(7)
+    scattered = rng.standard_normal((4000, D)) * [100.0, 1.0, 1.0]
+    plain, further = (
+        add_components(thin(), *known(20_000), default_rng(2), components=8, draws=400, peaks=peaks)
+        for peaks in (None, (scattered, log_target(scattered)))
+    )
+    widths = [np.sqrt((each.mixture.factors[2:, 0] ** 2).sum(axis=-1)) for each in (plain, further)]
+    assert len(widths[0]) == len(widths[1]) == 8
+    assert widths[1].max() < 1.5 * widths[0].max()
+    assert np.exp(log_weights(further).max()) < 1.5 * np.exp(log_weights(plain).max())
+
+
 def test_the_shored_proposal_is_a_density() -> None:
     """Weights of the new proposal average to the integral of the target, with and without components."""
     for components in (0, 8):
