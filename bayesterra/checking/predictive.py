@@ -275,8 +275,6 @@ class ReplicateOptions:
     searches: int = 2  # such searches at most
 
 
-FEW, NUMBERS = 50, 200_000
-"""Draws of a replicate's posterior of many rows: so many numbers of a channel in all, and the fewest."""
 TOLD = 0.9
 """Share of proposed sets from which those of which nodes tell all rows stand for all."""
 
@@ -344,7 +342,7 @@ def replicates(
     judge: Callable[[Replicate], T],
 ) -> list[T]:
     """Draw tables from the posterior predictive law of draws (n, d), and judge each by its own posterior."""
-    posterior = posterior.rough  # p values are not as exact as this
+    posterior = posterior.rough  # errors of 1e-7 of the load move no p value
     own, *streams = seed.spawn(1 + options.number)
     rng, near, likelihood = default_rng(own), PosteriorProposal.of(posterior, draws), posterior.likelihood
     pool = _Pool.of(near, near.mixture(rng, options.widening), options.pool, rng)
@@ -372,6 +370,5 @@ def _settled(
         local_weights = local.weights(likelihood, readings)
         if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights
-    few = min(options.draws, max(FEW, NUMBERS // len(readings)))
-    draws = pool.take(systematic(weights, few, rng)).explaining(likelihood, readings, rng)
+    draws = pool.take(systematic(weights, options.draws, rng)).explaining(likelihood, readings, rng)
     return Replicate(readings, draws, effective_number(weights))

@@ -44,7 +44,7 @@ class TestStatistic:
 def _contrast(degree: int) -> Statistic:
     """Share of the residuals along the polynomial in slip of this degree, orthogonal to all lower ones."""
 
-    @lru_cache
+    @lru_cache(maxsize=8)
     def direction(slips: tuple[float, ...]) -> FloatArray:
         scaled = (np.array(slips) - np.mean(slips)) / max(float(np.ptp(slips)), 1e-12)
         basis, _ = np.linalg.qr(np.vander(scaled, degree + 1, increasing=True))

@@ -1,7 +1,7 @@
 """Short runs: samplings of a posterior that are repeated many times, for calibrations and refits."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -99,6 +99,7 @@ class ShortGroupRuns(ShortRuns):
     ) -> Samples | JointSamples:
         """Samples of the joint posterior of a study with groups, of which one may be left."""
         small = PoolingOptions(self.warm_ups, plan) if options is self.short else PoolingOptions(lone=plan)
+        options = replace(options, ensembles=self.ensembles) if options is self.short else options
         return sample_joint(joint_posterior(study, fewest=1), options, seed, plan=small)
 
 

@@ -110,31 +110,37 @@ def _interpolation(slip: FloatArray, bends: FloatArray, times: int) -> tuple[Flo
 class Squares:
     """Sums of squared residuals in units of their scale, of readings whose rows are told by nodes.
 
-    They are |R v − a|² for outcomes v of the nodes, with R no longer than these are many.
+    They are |R v − a|² for outcomes v of the k nodes; R has k + 1 rows at most.
     """
 
     scale: FloatArray  # of rows (m,)
     spread: FloatArray  # of outcomes of the nodes over the rows (k, m)
     read: BoolArray  # rows with a reading
-    basis: FloatArray  # directions (readings, r) along which outcomes move readings
-    root: FloatArray  # R, (r + 1, k), whose last row is 0
-    at: FloatArray  # a, (r + 1,)
+    root: FloatArray  # R, (r, k)
+    at: FloatArray  # a, (r,)
 
     @classmethod
     def of(cls, readings: FloatArray, scale: FloatArray, spread: FloatArray) -> "Squares":
         """Of readings (m,), NaN where there is none, with scales (m,)."""
         read = ~np.isnan(readings)
-        basis, root = np.linalg.qr((spread[:, read] / scale[read]).T)
-        root = np.vstack([root, np.zeros(len(spread))])
-        return cls(scale, spread, read, basis, root, np.zeros(len(root))).anew(readings)
+        both = np.linalg.qr((np.vstack([spread[:, read], readings[read]]) / scale[read]).T)[1]
+        return cls(scale, spread, read, both[:, :-1], both[:, -1])
 
     def anew(self, readings: FloatArray) -> "Squares":
         """Those of other readings (m,)."""
         if (np.isnan(readings) == self.read).any():
             return Squares.of(readings, self.scale, self.spread)
         own = readings[self.read] / self.scale[self.read]
-        along = self.basis.T @ own
-        return replace(self, at=np.append(along, np.linalg.norm(own - self.basis @ along)))
+        basis, root = self._directions
+        along = basis.T @ own
+        at = np.append(along, np.linalg.norm(own - basis @ along))
+        return replace(self, root=np.vstack([root, np.zeros(root.shape[1])]), at=at)
+
+    @cached_property
+    def _directions(self) -> tuple[FloatArray, FloatArray]:
+        """Directions (readings, r) along which outcomes move readings, and their R (r, k)."""
+        basis, root = np.linalg.qr((self.spread[:, self.read] / self.scale[self.read]).T)
+        return basis, root
 
     @cached_property
     def logs(self) -> float:

@@ -204,11 +204,10 @@ class IntegratedNoise(Likelihood):
 
     def _sums_of(self, soil: FloatArray) -> FloatArray:
         """Sums (n, channels) of soil arrays (n, p), by nodes where these tell the rows."""
-        rough = self.rough
-        if (nodes := rough.forward.nodes) is None or rough.squares is None:
+        if (nodes := self.forward.nodes) is None or self.squares is None:
             return self._sums(self.forward(soil))
-        outcomes, told = rough.forward.at_nodes(nodes, soil)
-        named = zip(self.channels, rough.squares, strict=True)
+        outcomes, told = self.forward.at_nodes(nodes, soil)
+        named = zip(self.channels, self.squares, strict=True)
         sums = np.column_stack([own(outcomes[name]) for name, own in named])
         if not told.all():
             sums[~told] = self._sums(self.forward(soil[~told]))
