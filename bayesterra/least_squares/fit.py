@@ -296,7 +296,7 @@ class WeightedMisfit:
         nodes = self.model.forward.nodes
         if nodes is None:
             return self
-        few = self.model.forward.at_rows(nodes)
+        few = self.model.forward.held_at(nodes)
         channels = zip(self.measured.T, self.sd.T, strict=True)
         sums = tuple(Squares.of(readings, sd, nodes.spread) for readings, sd in channels)
         return replace(self, model=ClippedModel(few), squares=sums)

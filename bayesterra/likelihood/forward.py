@@ -292,13 +292,13 @@ class Forward:
         """The same with fewer nodes, good enough to make proposals with."""
         return replace(self, times=0)
 
-    def at_rows(self, nodes: Nodes) -> "Forward":
+    def held_at(self, nodes: Nodes) -> "Forward":
         """The same held at nodes as if they were rows."""
         return replace(self, conditions=nodes.conditions, given=nodes.load, as_read=False, times=FINER + 1)
 
     def at_nodes(self, nodes: Nodes, soil: FloatArray) -> tuple[Outcomes, BoolArray]:
         """Outcomes of the nodes for soil arrays (n, p), and for which of these (n,) they tell all rows."""
-        outcomes = self.at_rows(nodes).exact(soil)
+        outcomes = self.held_at(nodes).exact(soil)
         told = nodes.tell(outcomes.values)
         if self.as_read:
             outcomes.add("sinkage", offset_of(soil))

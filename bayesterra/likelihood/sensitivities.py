@@ -88,7 +88,7 @@ def _slopes(
     """
     nodes, inputs = forward.nodes, forward.given
     if nodes is not None and forward.at_nodes(nodes, soil)[1].all():
-        few = _slopes(forward.at_rows(nodes), prior, soil, offset)
+        few = _slopes(forward.held_at(nodes), prior, soil, offset)
         values, slopes, by_load = (np.moveaxis(np.tensordot(part, nodes.spread, (1, 0)), -1, 1) for part in few)
         return values, slopes, by_load
     parameters, shape = forward.model.parameters, (len(soil), len(inputs), forward.width)

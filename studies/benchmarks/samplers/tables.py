@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import pandas as pd
 
 HERE = Path(__file__).parent
+sys.path.append(str(HERE.parents[1] / "support"))
+
+from stored import markdown  # noqa: E402
+
 DRIVES = ("load", "sinkage")
 CLAIMS = {
     "emcee's default move in raw parameters": 500.0,
@@ -78,10 +83,8 @@ def every_row(table: pd.DataFrame) -> str:
 def plain(name: str) -> str:
     """A stored table as it is."""
     table = pd.read_csv(HERE / name)
-    lines = ["| " + " | ".join(column.replace("_", " ") for column in table) + " |"]
-    lines.append("|" + "---|" * len(table.columns))
-    lines += ["| " + " | ".join(map(str, row)) + " |" for row in table.itertuples(index=False)]
-    return "\n".join(lines)
+    header = [column.replace("_", " ") for column in table]
+    return markdown(header, table.itertuples(index=False), left=len(header))
 
 
 def main() -> None:
