@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -18,9 +17,3 @@ def done(path: Path, *columns: str) -> set[tuple[object, ...]]:
 def append(path: Path, rows: pd.DataFrame, form: str = "%.4g") -> None:
     """Add rows to the end of a table, or begin it."""
     rows.to_csv(path, mode="a", header=not path.exists(), index=False, float_format=form)
-
-
-def markdown(header: Sequence[str], rows: Iterable[Sequence[object]], left: int = 1) -> str:
-    """A table for a README; after the first columns, so many of them ``left``, cells stand to the right."""
-    rule = ["---"] * left + ["---:"] * (len(header) - left)
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in (header, rule, *rows))

@@ -25,7 +25,8 @@ from bayesterra.study.schema import SamplingOptions
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
-from stored import append, done, markdown  # noqa: E402
+from readme import markdown  # noqa: E402
+from stored import append, done  # noqa: E402
 
 BROAD, SHARE = 0.05, 0.7
 """Standard deviation of the broad mode in every coordinate of the unit cube, and its share."""
@@ -120,7 +121,7 @@ def table(name: str = "modes.csv") -> str:
         rows.append(
             (d, f"{width:g}", *numbers, f"{runs['cpu_seconds'].median():.1f}", f"{runs['evaluations'].median():.0f}")
         )
-    return markdown(HEADER, rows)
+    return markdown(HEADER, rows, "|rrrrrr")
 
 
 def main() -> None:

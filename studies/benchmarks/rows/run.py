@@ -29,7 +29,8 @@ HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
 from paper_wheels import SOILS, WHEELS  # noqa: E402
-from stored import append, done, markdown  # noqa: E402
+from readme import markdown  # noqa: E402
+from stored import append, done  # noqa: E402
 
 ROWS = (10, 100, 1000, 10_000)
 LOADS = {"one load": (80.0,), "three loads": (50.0, 80.0, 110.0)}
@@ -160,7 +161,7 @@ def table() -> str:
     tables = []
     for columns, part in ((COSTS, cost), (EXACT, exact), (LONGEST, long)):
         rows = [[f"{row[name]:{FORMS.get(name, '')}}" for name in columns.values()] for row in part.to_dict("records")]
-        tables.append(markdown(tuple(columns), rows))
+        tables.append(markdown(tuple(columns), rows, "|" + "r" * len(columns)))
     return "\n\n".join(tables)
 
 

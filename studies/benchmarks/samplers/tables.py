@@ -10,7 +10,7 @@ import pandas as pd
 HERE = Path(__file__).parent
 sys.path.append(str(HERE.parents[1] / "support"))
 
-from stored import markdown  # noqa: E402
+from readme import markdown  # noqa: E402
 
 DRIVES = ("load", "sinkage")
 CLAIMS = {
@@ -84,7 +84,7 @@ def plain(name: str) -> str:
     """A stored table as it is."""
     table = pd.read_csv(HERE / name)
     header = [column.replace("_", " ") for column in table]
-    return markdown(header, table.itertuples(index=False), left=len(header))
+    return markdown(header, table.itertuples(index=False))
 
 
 def main() -> None:
