@@ -21,7 +21,7 @@ from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.runtime.engines import usable_processors
-from bayesterra.sampling.evidence import Pair, PosteriorProposal, refined
+from bayesterra.sampling.evidence import ENOUGH, Pair, PosteriorProposal, refined
 from bayesterra.stats.mixture import (
     ProposalLaw,
     effective_number,
@@ -43,8 +43,8 @@ FINAL_DRAWS = (8192, 8192, 16384)
 EFFECTIVE = 1000
 """Effective draws below which there is another attempt: the ends of predictive laws scatter with fewer."""
 EVEN = 0.5
-"""Pareto k̂ of the weights of a level above which it is left out by a sampling of its own: predictive laws are
-made of these draws, and need more than a mean does."""
+"""Pareto k̂ of the weights of a level above which, as with fewer than ``ENOUGH`` effective draws, it is left out by a
+sampling of its own: predictive laws are made of these draws, and need more than a mean does."""
 CLOSE = 0.05
 """Monte Carlo error of a row's elpd, below which a refit is done."""
 INDISTINCT = 4.0
@@ -258,19 +258,20 @@ class _Case:
 
     def result(self, limit: float, seed: SeedSequence, *, far: bool = True) -> _Weighted:
         """The posterior without the rows; sampled afresh where k̂ is above the limit, ``far`` from these draws too."""
-        if self.weighted.k <= limit:
+        least = min(ENOUGH, len(self.weighted.x) / 4) if limit <= EVEN else 0.0
+        if self.weighted.k <= limit and self.weighted.effective >= least:
             return self.weighted
-        rng, refitted, best = default_rng(seed), self.weighted, None
+        rng, refitted, attempts = default_rng(seed), self.weighted, list[_Weighted]()
         for n in FINAL_DRAWS:  # again from where the weights of the last attempt lead
             chosen = systematic(np.exp(refitted.log_weights), START_DRAWS, rng)
             start = self.near.coordinates.from_physical(refitted.x[chosen])
             refitted = self._drawn(refined(start, self._densities, rng), n, rng)
-            if refitted.reliable and (best is None or refitted.effective > best.effective):
-                best = refitted
-            if best is not None and best.effective >= EFFECTIVE:
+            attempts.append(refitted)
+            best = max(attempts, key=lambda attempt: (attempt.reliable, attempt.effective))
+            if best.reliable and best.effective >= EFFECTIVE:
                 break
-        if best is not None or not far:
-            return best or refitted
+        if best.reliable or not far:
+            return best
         # without these rows the posterior is quite another one
         return self._drawn(self.near.from_prior(self._densities, rng), FINAL_DRAWS[-1], rng)
 

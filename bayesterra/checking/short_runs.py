@@ -55,7 +55,8 @@ class ShortRuns:
     short, adaptation : of the first run, which ends once it is :func:`enough`, or after ``short.max_steps`` steps;
         with groups after these.
     long, long_adaptation : of the second, which ends by the rules of every run.
-    ensembles : of the first run. Two suffice for ranks: what both miss, the ranks of many replications show.
+    ensembles : of the first run; with groups four at least. Two suffice for ranks: what both miss, the ranks of
+        many replications show.
     """
 
     short: SamplingOptions = SamplingOptions(target_ess=4 * (DRAWS + 1), walkers=64, max_steps=400)

@@ -9,8 +9,9 @@ is a hundred times the mean is left once in some hundred steps. So that is where
 a time, each fitted to the points around the greatest weight.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.random import Generator
@@ -53,7 +54,7 @@ class AdaptationOptions:
     enough: float = 0.3
     defence: float = 0.1
     shores: int = 40
-    climbs: int = 50
+    climbs: int = 150
 
 
 OF_SOIL_TESTS = AdaptationOptions(particles=512, components=8, refinements=(4, 8), more=(), shores=12)
@@ -129,7 +130,12 @@ def adapt(
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
-    refined = refine(proposal, particles.u, widths, densities, options, rng, watch, peaks)
+    spread = (particles.u, particles.level(1.0))
+    if _missed((spread, peaks), proposal):
+        log_target, draws = partial(_log_target, way), len(start) // 2
+        proposal = add_components(proposal, *spread, log_target, rng, components=MODES, draws=draws, peaks=peaks)
+        evaluations += MODES * draws
+    refined = refine(proposal, particles.u, widths, densities, options, rng, watch)
     proposal, efficiency, log_evidence, draws = refined
     evaluations += draws + options.shores * (len(start) // 2)
     return Adaptation(particles.u, tuple(travelled), evaluations, proposal, efficiency, log_evidence)
@@ -208,6 +214,19 @@ def _climbed(
     return np.concatenate(met), np.concatenate(heights)
 
 
+MODES, MISSED = 8, 8.0
+"""Components added where the fit to the particles has missed a mode, and the log weight that tells so."""
+
+
+def _missed(points: Sequence[tuple[FloatArray, FloatArray]], proposal: Proposal) -> bool:
+    """Whether one of several lots of points (n, d) and their log density says that a proposal misses a mode.
+
+    The log density may be off by a constant, which the first lot, of points spread like the target, tells.
+    """
+    log_weights = [level - proposal.log_density(u) for u, level in points]
+    return bool(np.concatenate(log_weights).max() > np.median(log_weights[0]) + MISSED)
+
+
 def refine(
     proposal: Proposal,
     u: FloatArray,
@@ -216,13 +235,11 @@ def refine(
     options: AdaptationOptions,
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
-    peaks: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Proposal, float, float, int]:
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
-    anew; the points ``u`` (n, d) stay in as an anchor. Thin places are looked for at ``peaks``, points (k, d) and their
-    log density, as well.
+    anew; the points ``u`` (n, d) stay in as an anchor.
 
     Returns
     -------
@@ -245,9 +262,9 @@ def refine(
         weights = np.repeat([1.0, 0.5], [len(chosen), len(u)])
         proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
-    tried = (drawn.u, drawn.log_target, lambda points: _log_target(densities, points))
+    tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
     shores, draws = options.shores, len(u) // 2
-    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=peaks)
+    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws)
     return proposal, efficiency, log_evidence, len(drawn.u)
 
 
