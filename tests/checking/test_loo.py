@@ -132,6 +132,26 @@ def test_attempts_end_once_enough_draws_are_effective(
         assert kept[rows] is max((each for each in found if each.reliable), key=lambda each: each.effective)
 
 
+@pytest.mark.parametrize(("least", "anew"), [(0.0, False), (400.0, True)])
+def test_a_level_of_few_effective_draws_is_sampled_anew(
+    study: Study, monkeypatch: pytest.MonkeyPatch, least: float, anew: bool
+) -> None:
+    """Without rows 3 and 4 the weights of 250 effective draws would do by their k̂ alone, were 0.7 allowed."""
+    monkeypatch.setattr(loo, "EVEN", 0.7)
+    monkeypatch.setattr(loo, "ENOUGH", least)
+    sampled = list[tuple[int, ...]]()
+    drawn = loo._Case._drawn
+
+    def watched(case: Any, *rest: Any) -> Any:
+        sampled.append(case.rows)
+        return drawn(case, *rest)
+
+    monkeypatch.setattr(loo._Case, "_drawn", watched)
+    density = posterior(study)
+    cross_validate(density, draws_of(density), SeedSequence(1), {(2, 3): density.likelihood}, few_rows=0)
+    assert ((2, 3) in sampled) is anew
+
+
 def test_weights_do_where_k_allows_and_only_there(weighted: CrossValidation, grid: Grid) -> None:
     """Told that six rows are many, it samples anew where k̂ is high, at the outlier, and is right."""
     limit = pareto_limit(4000)

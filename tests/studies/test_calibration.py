@@ -28,7 +28,7 @@ def test_stored_ranks_give_the_stored_verdict(case: str) -> None:
 
 
 def test_settings_keep_the_names_under_which_they_are_stored() -> None:
-    """A calibration that an earlier version began goes on: its settings are compared by name and value."""
+    """One that was interrupted goes on where its settings are the same: they are compared by name and value."""
     stored = json.loads((STUDY / "m2" / "calibration.json").read_text(encoding="utf-8"))["settings"]
     settings = {"ranked_among": stored["ranked_among"], **settings_of(ShortRuns())}
     assert settings.keys() == stored.keys()

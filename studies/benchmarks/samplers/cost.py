@@ -51,7 +51,7 @@ def held(free: tuple[str, ...]) -> dict[str, object]:
 
 
 def of_groups(count: int) -> bt.Study:
-    """So many wheels on one soil, five slips each under 80 N: c and φ shared, K of one population, M2."""
+    """So many wheels on one soil, five slips each under 80 N: c and φ shared, K of one population, M1."""
     kinds, frames, wheels = list(WHEELS), [], {}
     for number in range(count):
         kind, name = kinds[number % len(kinds)], f"W{number + 1}"
