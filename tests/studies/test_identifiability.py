@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -19,14 +20,16 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
 
 @pytest.mark.slow
 def test_a_case_is_remade(script: ModuleType) -> None:
-    """Contractions of all directions come out as stored."""
+    """Contractions of all directions come out as stored, the best within four of their two Monte Carlo errors."""
     found = script.tables(CASE, 1)["directions"]
     table = pd.read_csv(STUDY / "directions.csv")
     stored = table[(table["case"] == CASE) & (table["seed"] == 1)]
     assert found["scope"].tolist() == stored["scope"].tolist()
     assert found["contraction"].to_numpy() == pytest.approx(stored["contraction"].to_numpy(), abs=0.1)
     best = found["rank"].to_numpy() == 1
-    assert found["contraction"].to_numpy()[best] == pytest.approx(stored["contraction"].to_numpy()[best], abs=0.01)
+    apart = (found["contraction"].to_numpy() - stored["contraction"].to_numpy())[best]
+    errors = np.hypot(found["error"].to_numpy(), stored["error"].to_numpy())[best]
+    assert (np.abs(apart) < 4 * errors).all()
 
 
 def test_the_stored_study_holds() -> None:
