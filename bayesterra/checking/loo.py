@@ -43,8 +43,8 @@ FINAL_DRAWS = (8192, 8192, 16384)
 EFFECTIVE = 1000
 """Effective draws below which there is another attempt: the ends of predictive laws scatter with fewer."""
 EVEN = 0.5
-"""Pareto k̂ of the weights of a level above which, as with fewer than ``ENOUGH`` effective draws, it is left out by a
-sampling of its own: predictive laws are made of these draws, and need more than a mean does."""
+"""Pareto k̂ of the weights of a level above which, as with fewer effective draws than ``ENOUGH`` or a quarter of those
+weighed, it is left out by a sampling of its own: predictive laws are made of these draws, and need more than a mean."""
 CLOSE = 0.05
 """Monte Carlo error of a row's elpd, below which a refit is done."""
 INDISTINCT = 4.0
@@ -257,7 +257,7 @@ class _Case:
         return LeftOut(row, elpd, error, self.weighted.k, result is not self.weighted)
 
     def result(self, limit: float, seed: SeedSequence, *, far: bool = True) -> _Weighted:
-        """The posterior without the rows; sampled afresh where k̂ is above the limit, ``far`` from these draws too."""
+        """The posterior without the rows; sampled afresh where weights do not do, ``far`` from these draws too."""
         least = min(ENOUGH, len(self.weighted.x) / 4) if limit <= EVEN else 0.0
         if self.weighted.k <= limit and self.weighted.effective >= least:
             return self.weighted
@@ -267,7 +267,7 @@ class _Case:
             start = self.near.coordinates.from_physical(refitted.x[chosen])
             refitted = self._drawn(refined(start, self._densities, rng), n, rng)
             attempts.append(refitted)
-            best = max(attempts, key=lambda attempt: (attempt.reliable, attempt.effective))
+            best = max(attempts, key=lambda each: (each.reliable, each.effective if each.reliable else -each.k))
             if best.reliable and best.effective >= EFFECTIVE:
                 break
         if best.reliable or not far:

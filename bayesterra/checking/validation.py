@@ -347,9 +347,10 @@ def missed(result: Result) -> Iterator[Missed]:
             read = mine & ~np.isnan(likelihood.measured[:, column])
             off = likelihood.measured[read, column] - plain[:, read, column]
             curve = curves[:, :, column]
+            notable = [trade for trade in trades(target.names, draws, slip, curve) if trade.share >= NOTABLE]
             yield Missed(
                 wheel, channel, slip, np.quantile(curve, LEVELS, axis=0), rows.slip[read],
-                np.median(off, axis=0), notable(trades(target.names, draws, slip, curve)),
+                np.median(off, axis=0), tuple(sorted(notable, key=lambda trade: -trade.share)),
             )  # fmt: skip
 
 
@@ -370,8 +371,3 @@ def trades(names: tuple[str, ...], draws: FloatArray, slip: FloatArray, curve: F
         most = int(np.abs(single).argmax())
         trade_offs.append(Trade(shape, float(explained.var() / y.var()), names[soil[most]], single[most]))
     return tuple(trade_offs)
-
-
-def notable(trade_offs: tuple[Trade, ...]) -> tuple[Trade, ...]:
-    """Those with a share of ``NOTABLE`` or more, the greatest first."""
-    return tuple(sorted((trade for trade in trade_offs if trade.share >= NOTABLE), key=lambda t: -t.share))

@@ -219,10 +219,7 @@ MODES, MISSED = 8, 8.0
 
 
 def _missed(points: Sequence[tuple[FloatArray, FloatArray]], proposal: Proposal) -> bool:
-    """Whether one of several lots of points (n, d) and their log density says that a proposal misses a mode.
-
-    The log density may be off by a constant, which the first lot, of points spread like the target, tells.
-    """
+    """Whether points (n, d) and their log density, the first lot spread like the target, tell of a mode missed."""
     log_weights = [level - proposal.log_density(u) for u, level in points]
     return bool(np.concatenate(log_weights).max() > np.median(log_weights[0]) + MISSED)
 

@@ -64,7 +64,7 @@ class PosteriorProposal(Generic[W]):
 
     def mixture(self, rng: Generator, widening: float = 1.0) -> mixtures.StudentMixture:
         """A law fitted to the draws, every component stretched by ``widening``."""
-        fitted = around(self.u, rng)
+        fitted = mixtures.fit_mixture(self.u, np.ones(len(self.u)), COMPONENTS, rng)
         return replace(fitted, factors=widening * fitted.factors)
 
     def shifted(self, centre: FloatArray) -> mixtures.StudentMixture:
@@ -88,11 +88,6 @@ class PosteriorProposal(Generic[W]):
         inside = np.flatnonzero(np.isfinite(log_prior) & np.isfinite(log_jacobian))
         base = log_prior[inside] + log_jacobian[inside] - mixture.log_density(u[inside])
         return Proposed(u[inside], x[inside], base, n)
-
-
-def around(u: FloatArray, rng: Generator) -> mixtures.StudentMixture:
-    """A law fitted to points (n, d)."""
-    return mixtures.fit_mixture(u, np.ones(len(u)), COMPONENTS, rng)
 
 
 def refined(start: FloatArray, densities: Densities, rng: Generator) -> mixtures.ProposalLaw:

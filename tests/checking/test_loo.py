@@ -15,6 +15,7 @@ from bayesterra.checking import loo
 from bayesterra.checking.loo import CrossValidation, Difference, LeftOut, cross_validate, difference
 from bayesterra.likelihood.forward import Outcomes
 from bayesterra.likelihood.posterior import Posterior, draw_cut_prior, posterior
+from bayesterra.sampling.evidence import PosteriorProposal
 from bayesterra.stats.laws import Law
 from bayesterra.stats.mixture import normalised, pareto_limit, pareto_smoothed, systematic
 from bayesterra.study.study import Study
@@ -130,6 +131,26 @@ def test_attempts_end_once_enough_draws_are_effective(
         assert [each.reliable for each in found].index(True) == len(found) - 1 or len(found) == 3
         assert len(found) == 3 or enough == 0.0
         assert kept[rows] is max((each for each in found if each.reliable), key=lambda each: each.effective)
+
+
+def test_of_attempts_that_cannot_be_relied_on_the_most_even_stands(
+    study: Study, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where a posterior far away is not looked for: the attempt of the least k̂, which is not always the last."""
+    monkeypatch.setattr(loo._Weighted, "reliable", False)
+    seen, drawn = list[Any](), loo._Case._drawn
+
+    def watched(case: Any, *rest: Any) -> Any:
+        seen.append(found := replace(drawn(case, *rest), k=[0.9, 0.8, 1.0][len(seen)]))
+        return found
+
+    monkeypatch.setattr(loo._Case, "_drawn", watched)
+    density = posterior(study)
+    x = draws_of(density)
+    near = PosteriorProposal.of(density, x)
+    case = loo._Case(near, near.mixture(default_rng(1)), x, density.log_rows(x), (4,), None)
+    assert case.result(-np.inf, SeedSequence(1), far=False) is seen[1]
+    assert len(seen) == 3
 
 
 @pytest.mark.parametrize(("least", "anew"), [(0.0, False), (400.0, True)])

@@ -6,9 +6,10 @@ from numpy.random import SeedSequence, default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, _next_step, adapt
+from bayesterra.sampling.adaptation import Adaptation, AdaptationOptions, Densities, _missed, _next_step, adapt
 from bayesterra.sampling.ensemble import Ensemble
 from bayesterra.stats.diagnostics import diagnose
+from bayesterra.stats.transport import fit_proposal
 
 OPTIONS = AdaptationOptions(particles=512, components=6)
 MANY = AdaptationOptions(particles=256, components=12, shores=0)  # enough to fit the mixture to its own draws
@@ -58,6 +59,32 @@ def test_evidence_of_normal_problems(d: int, sd: float) -> None:
     sharp = 1 / (1 + 1 / sd**2)
     np.testing.assert_allclose(u.mean(axis=0), 1 / (1 + sd**2), atol=5 * np.sqrt(sharp / 250))
     np.testing.assert_allclose(u.var(axis=0), sharp, rtol=0.25)
+
+
+@pytest.mark.parametrize("missed", [False, True])
+def test_a_mode_is_missed_where_a_point_outweighs_the_fit_and_only_there(missed: bool) -> None:
+    """A point e⁹ above what the proposal allows for says so, e⁷ does not, whatever constant all levels have."""
+    rng = default_rng(1)
+    u = rng.standard_normal((500, 2))
+    proposal = fit_proposal(u, np.ones(500), np.ones(2), 2, 0.1, rng)
+    level = proposal.log_density(u) + 123.0
+    far = np.array([[6.0, 6.0]])
+    points = [(u, level), (far, proposal.log_density(far) + 123.0 + (9.0 if missed else 7.0))]
+    assert _missed(points, proposal) is missed
+    assert not _missed(points[:1], proposal)
+
+
+def test_what_a_missed_mode_costs_is_counted() -> None:
+    """Steps uphill and the components added at what they meet are among the evaluations."""
+    densities, calls = needle(4, 0.2), list[int]()
+
+    def counted(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        calls.append(len(u))
+        return densities(u)
+
+    found = adapted(counted, default_rng(0).uniform(-10.0, 10.0, (1024, 4)), 0, AdaptationOptions(components=8))
+    assert (found.proposal.sample(4000, default_rng(1))[:, 0] > 2.0).mean() > 0.2
+    assert found.evaluations == sum(calls)
 
 
 def test_temperatures_rise_to_one() -> None:

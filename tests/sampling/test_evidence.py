@@ -135,7 +135,7 @@ def test_a_funnel_that_all_proposals_miss_a_part_of_is_not_called_reliable(seed:
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_steps_uphill_make_no_funnel_reliable(seed: int) -> None:
     """The value is as far off as without them, by about one; whether the weights show it or not, it is said."""
-    found, _ = adapted(funnel, seed, replace(PLAN, climbs=50))
+    found, _ = adapted(funnel, seed, replace(PLAN, climbs=AdaptationOptions().climbs))
     assert not found.reliable
     assert abs(found.log_z - FLAT) < 2
 

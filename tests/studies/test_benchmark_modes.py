@@ -26,17 +26,19 @@ def test_the_readme_says_what_is_stored(script: ModuleType) -> None:
     assert set(stored[["d", "width", "run"]].itertuples(index=False, name=None)) == runs
 
 
-@pytest.mark.parametrize(("d", "width"), [(4, 0.02), (4, 0.01), (6, 0.02), (8, 0.03)])
-def test_modes_are_found_or_the_run_says_so(d: int, width: float) -> None:
-    """In nine runs of ten at least."""
+@pytest.mark.parametrize(("d", "width", "least"), [(4, 0.02, 9), (4, 0.01, 6), (6, 0.02, 9), (8, 0.03, 9)])
+def test_modes_are_found_or_the_run_says_so(d: int, width: float, least: int) -> None:
+    """In nine runs of ten at least; and ``least`` find it, as the README's answer says."""
     stored = pd.read_csv(STUDY / "modes.csv")
     runs = stored[(stored["d"] == d) & (stored["width"] == width)]
     assert (runs["found"] | ~runs["converged"]).sum() >= 9
+    assert runs["found"].sum() >= least
+    assert runs["converged"][runs["found"]].all()
 
 
 def test_a_narrow_mode_is_found_today(script: ModuleType) -> None:
     """One that no ensemble found without steps uphill; and each ensemble's own evidence counts it."""
-    run = script.one(4, 0.01, 2)
+    run = script.one(6, 0.02, 2)
     assert run["found"]
     assert run["converged"]
     assert abs(run["share"] - 0.3) < 0.03
