@@ -50,7 +50,7 @@ def make_small() -> MakeStudy:
 @pytest.fixture(scope="session")
 def quick() -> ShortRuns:
     """The sampler of calibrations with settings that suit one or two parameters."""
-    small = AdaptationOptions(particles=64, sweeps=1, components=2, refinements=(2,))
+    small = AdaptationOptions(particles=64, sweeps=1, components=2, refinements=(2,), climbs=10)
     return ShortRuns(
         short=SamplingOptions(target_ess=100, walkers=32, max_steps=40),
         adaptation=small,

@@ -41,7 +41,7 @@ def weighted_draws(density: Posterior, rng: Generator, n: int = 1000) -> FloatAr
 def tempered_draws(density: Posterior, rng: Generator, n: int = 2000) -> FloatArray:
     """Posterior draws (n, d) by one tempered run from the prior; for many free parameters."""
     target = Target(density, coordinates(density))
-    plan = AdaptationOptions(particles=512, components=8, refinements=(4, 4))
+    plan = AdaptationOptions(particles=512, components=8, refinements=(4, 4), climbs=10)
     start = target.coordinates.from_physical(draw_cut_prior(density, plan.particles, rng).x)
     mixture = adapt(target.densities, start, plan, rng).proposal
     u = mixture.sample(2 * n, rng)

@@ -213,7 +213,7 @@ def pooled_page() -> str:
         pooling={"by": "wheel", "hierarchical": {"phi": {}}},
         sampling={"target_ess": 100, "walkers": 32, "max_steps": 200},
     )
-    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
+    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0, climbs=10)
     with few_walkers(sweeps=10, draws=512, inner=8):
         return run_pooled(study, seed=1, plan=PoolingOptions((5, 10), lone)).page().html()
 

@@ -173,7 +173,7 @@ def test_samples_hold_noise_that_follows_from_their_soil(tmp_path: Path) -> None
     """Draws have a column for every parameter, each standard deviation from its law given the soil beside it."""
     whole = hit(tmp_path, **ESTIMATED)
     options = SamplingOptions(target_ess=100, walkers=32, max_steps=50, ensembles=4)
-    plan = AdaptationOptions(particles=128, components=2, sweeps=1, refinements=(1,), more=(), shores=1)
+    plan = AdaptationOptions(particles=128, components=2, sweeps=1, refinements=(1,), more=(), shores=1, climbs=10)
     samples, again = (sample(whole, options, SeedSequence(3), adaptation=plan) for _ in range(2))
     assert samples.names == whole.names
     assert samples.diagnosis.tau.shape == (11,)

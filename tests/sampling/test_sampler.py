@@ -25,8 +25,8 @@ from bayesterra.study.study import Study
 MakeStudy = Callable[..., Study]
 
 SMALL = SamplingOptions(target_ess=200, walkers=32, max_steps=60)
-PLAN = AdaptationOptions(particles=256, components=4, refinements=(2, 4), more=(), shores=4)
-QUICK = AdaptationOptions(particles=128, components=3, sweeps=2, refinements=(2,), more=(), shores=2)
+PLAN = AdaptationOptions(particles=256, components=4, refinements=(2, 4), more=(), shores=4, climbs=10)
+QUICK = AdaptationOptions(particles=128, components=3, sweeps=2, refinements=(2,), more=(), shores=2, climbs=10)
 
 
 def sampled(

@@ -22,7 +22,7 @@ from bayesterra.study.study import Study
 MakeStudy = Callable[..., Study]
 
 OPTIONS = SamplingOptions(target_ess=100_000, walkers=32, max_steps=50)
-PLAN = AdaptationOptions(particles=128, components=2, sweeps=1, refinements=(2,), more=(), shores=2)
+PLAN = AdaptationOptions(particles=128, components=2, sweeps=1, refinements=(2,), more=(), shores=2, climbs=10)
 NOTES = [*(f"ensemble-{i}" for i in range(1, 5)), "round-0001", "round-0002", "round-0003"]
 
 

@@ -35,7 +35,7 @@ def noisy(make_table: MakeTable) -> pd.DataFrame:
 def drawn(study: Study) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     """Posterior draws of a quick run."""
     options = SamplingOptions(target_ess=500, walkers=32, max_steps=200)
-    plan = AdaptationOptions(particles=256, components=4, refinements=(2, 4), more=(), shores=4)
+    plan = AdaptationOptions(particles=256, components=4, refinements=(2, 4), more=(), shores=4, climbs=10)
     chains = sample(posterior(study), options, np.random.SeedSequence(1), adaptation=plan).chains
     return chains.reshape(-1, chains.shape[-1])
 

@@ -14,10 +14,10 @@ from bayesterra.sampling import sampler
 from bayesterra.sampling.adaptation import AdaptationOptions
 from bayesterra.study.schema import SamplingOptions
 
-LITTLE = AdaptationOptions(particles=256, sweeps=2, components=6, refinements=(2, 4), more=(), shores=4)
+LITTLE = AdaptationOptions(particles=256, sweeps=2, components=6, refinements=(2, 4), more=(), shores=4, climbs=10)
 
 
-HALF = AdaptationOptions(particles=512, components=12, refinements=(4, 4, 8), more=(8,), shores=8)
+HALF = AdaptationOptions(particles=512, components=12, refinements=(4, 4, 8), more=(8,), shores=8, climbs=20)
 """Enough for eight free parameters."""
 
 

@@ -72,7 +72,7 @@ def make() -> MakeStudy:
 @pytest.fixture(scope="session")
 def small() -> PoolingOptions:
     """A small adaptation."""
-    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0)
+    lone = AdaptationOptions(particles=256, components=4, refinements=(2, 2), more=(), shores=0, climbs=10)
     return PoolingOptions((10, 20, 40), lone)
 
 

@@ -31,6 +31,8 @@ SLIPS = (4, 8, 16, 64, 1000)
 ENSEMBLES = (8, 16)
 FREE = {2: ("n0", "phi"), 4: ("n0", "n1", "phi", "K"), 6: ("Ks", "n0", "n1", "c", "phi", "K")}
 GROUPS = (2, 4, 8)
+OF_EIGHT = {35: ("K", "n0", "n1"), 62: ("K", "n0", "n1", "Ks", "c1", "c2")}
+"""Parameters of eight wheels by their number, and which of them differ from wheel to wheel."""
 GROUP_SLIPS = np.array([0.05, 0.15, 0.3, 0.45, 0.6])
 SD = {"sinkage": 0.0005, "drawbar_pull": 1.0, "resistance_moment": 0.3}
 ESTIMATED = {
@@ -50,8 +52,8 @@ def held(free: tuple[str, ...]) -> dict[str, object]:
     return {"set": "paper-box", **{name: TRUTH[name] for name in NAMES if name not in free}}
 
 
-def of_groups(count: int) -> bt.Study:
-    """So many wheels on one soil, five slips each under 80 N: c and φ shared, K of one population, M1."""
+def of_groups(count: int, varying: tuple[str, ...] = ("K",)) -> bt.Study:
+    """So many wheels on one soil, five slips each under 80 N: c and φ shared, others of one population each, M1."""
     kinds, frames, wheels = list(WHEELS), [], {}
     for number in range(count):
         kind, name = kinds[number % len(kinds)], f"W{number + 1}"
@@ -67,7 +69,7 @@ def of_groups(count: int) -> bt.Study:
     return bt.Study(
         pd.concat(frames, ignore_index=True), wheels, model="M1", slip_reference="shearing", kind="simulated",
         source="studies/benchmarks/samplers/cost.py", noise=SD, priors={"set": "paper-box"},
-        pooling={"shared": ["c", "phi"], "hierarchical": {"K": {}}},
+        pooling={"shared": ["c", "phi"], "hierarchical": {name: {} for name in varying}},
     )  # fmt: skip
 
 
@@ -115,6 +117,7 @@ def cases() -> list[Cost]:
     free = [Cost("free parameters", n, partial(plain, priors=held(names))) for n, names in FREE.items()]
     free += [Cost("free parameters", 8, plain), Cost("free parameters", 11, partial(plain, noise=ESTIMATED))]
     groups = [Cost("groups", n, partial(of_groups, n)) for n in GROUPS]
+    groups += [Cost("parameters of 8 groups", n, partial(of_groups, 8, names)) for n, names in OF_EIGHT.items()]
     ensembles = [Cost("ensembles", n, plain, ensembles=n) for n in (4, *ENSEMBLES)]
     return [*rows, *free, *groups, *ensembles, *(Cost("cores", n, plain, cores=n) for n in (1, 2))]
 
