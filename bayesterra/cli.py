@@ -467,8 +467,8 @@ def follow(
     particles: Annotated[int | None, option("N", "Parameter sets that stand for the posterior.")] = None,
     false_alarms: Annotated[float | None, option("P", "False alarms per row at most, on average; else 0.0001.")] = None,
     restart: Annotated[bool, flag("--restart", "After an alarm begin anew where the soil changed.")] = False,
-    slip_reference: Annotated[str | None, option("RADIUS", "Radius of slips: rim, tip, shearing; else stated.")] = None,
-    sinkage_reference: Annotated[str | None, option("PART", "Zero of sinkages: rim, tip; else the study's.")] = None,
+    slip_reference: Annotated[str | None, option("RADIUS", "As in a study; else its own, or shearing.")] = None,
+    sinkage_reference: Annotated[str | None, option("PART", "Zero of sinkages; else the study's, or rim.")] = None,
     overwrite: Overwrite = False,
     quiet: Annotated[bool, quieting("No line per row, only alarms and the end.")] = False,
 ) -> None:

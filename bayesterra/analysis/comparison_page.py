@@ -281,7 +281,7 @@ def _rows(result: Result) -> str:
 
 def _noise(result: Result) -> Markup:
     return Markup("; ").join(
-        Markup("{} {}").format(symbol(name), noise_text(noise)) for name, noise in result.study.noise.items()
+        Markup("{} {}").format(symbol(name), noise_text(result.study, name)) for name in result.study.noise
     )
 
 

@@ -21,11 +21,11 @@ from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
 from bayesterra.checking.levels import scope
-from bayesterra.errors import ResultError
+from bayesterra.errors import ResultError, counted
 from bayesterra.likelihood.forward import Forward, reference_load, soil_at
 from bayesterra.models import M1, Conditions, Wheel
 from bayesterra.models.forces import DRAWBAR_PULL, SINKAGE
-from bayesterra.parameters import CHANNELS, PARAMETERS, SoilColumns
+from bayesterra.parameters import CHANNELS, PARAMETERS, SoilColumns, whole_and_part
 from bayesterra.prediction.prediction import spread
 from bayesterra.report.blocks import Cell, Gallery, Overview, Table, Text
 from bayesterra.report.sections import render
@@ -43,6 +43,7 @@ _LETTERS = (
 _LATEX = {
     **{sign: rf"\{sign}" for sign in "&%$#_{}"}, "\\": r"\textbackslash{}", "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}", "–": "--", "’": "'", "\u00a0": "~", "\u202f": r"\,", "²": "$^2$", "³": "$^3$",
+    "<": "$<$", ">": "$>$",
     "−": "$-$", "°": r"$^\circ$", **{word[0]: rf"$\{word[1:]}$" for word in _LETTERS.split()},
 }  # fmt: skip
 _TAG = re.compile(r"<(sub|sup)>(.*?)</\1>|<[^>]*>", re.DOTALL)
@@ -184,7 +185,8 @@ def _as_json(result: Result) -> str:
     """Draws by parameter with their units, SI and radians."""
     table = result.to_dataframe()
     draws = {name: table[name].tolist() for name in table.columns}
-    units = {name: PARAMETERS[name].dimension or "1" for name in result.names if name in PARAMETERS}
+    whole = {name: whole_and_part(name)[0] for name in result.names}
+    units = {name: PARAMETERS[of].dimension or "1" for name, of in whole.items() if of in PARAMETERS}
     return json.dumps({"title": result.study.title, "kind": result.study.kind, "units": units, "draws": draws}) + "\n"
 
 
@@ -195,7 +197,8 @@ def references() -> str:
 
 def methods_text(result: Result) -> str:
     """What was done and what came out, in words for a manuscript."""
-    from bayesterra.likelihood.page import noise_text, stated_law
+    from bayesterra.likelihood.page import errors_text, noise_text, stated_law
+    from bayesterra.pooling.page import joined_laws
 
     study, rows = result.study, result.study.observations.used()
     entries = study.prior.entries
@@ -206,10 +209,12 @@ def methods_text(result: Result) -> str:
             "result": result, "study": study, "record": result.record, "scope": scope(study),
             "readings": sum(int((~np.isnan(rows.values[name])).sum()) for name in study.noise), "rows": len(rows),
             "noise": "; ".join(
-                f"{CHANNELS[name].symbol} {noise_text(of)}{f' {CHANNELS[name].unit}' * (of.sd is not None)}"
-                for name, of in study.noise.items()
+                f"{CHANNELS[name].symbol} {noise_text(study, name, f' {CHANNELS[name].unit}')}" for name in study.noise
             ),
-            "free": len(result.names), "priors": _named(laws, free),
+            "errors": text_of(errors_text(study)), "joined": text_of(joined_laws(study)),
+            "roles": {role: ", ".join(PARAMETERS[name].symbol for name in getattr(study.pooling, role, ()))
+                      for role in ("shared", "separate", "hierarchical")},
+            "free": counted(len(result.names), "parameter"), "priors": _named(laws, free),
             "fixed": _named(laws, [name for name in entries if name not in free]),
         },
         "methods.txt",

@@ -26,7 +26,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
 from bayesterra.study.result import Result, versions
 from bayesterra.study.study import Study, without_wheels
-from bayesterra.study.wheels import chosen_wheel
+from bayesterra.study.wheels import chosen_wheels
 
 TASKS = "candidates"
 DRAWS = 2000
@@ -106,7 +106,7 @@ def design_request(
     study = study_or_result.study if isinstance(study_or_result, Result) else study_or_result
     without_wheels(study, "design")
     names = parameters_of_interest(study, about)
-    grid = candidates(study, slips, loads, dict(chosen_wheel(study, wheel) for wheel in wheels), channels)
+    grid = candidates(study, slips, loads, chosen_wheels(study, wheels), channels)
     return DesignRequest(situation_of(study_or_result, seed), tuple(grid), tuple(names), number, by, seed)
 
 

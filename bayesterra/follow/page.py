@@ -91,8 +91,9 @@ def _legend(axes: FloatArray, *, truth: bool, alarms: bool) -> None:
 
 def print_row(seen: RowOutcome, *, quiet: bool) -> None:
     """One line: slip, every reading beside what was expected of it, particles, time; alarms in their own."""
+    where = f" (row {seen.place} of the file)" if seen.place else ""
     if seen.update is None or seen.row is None:
-        note(f"left out: {seen.problem}")
+        note(f"left out: {seen.problem}{where}")
         return
     update = seen.update
     if not quiet:
@@ -105,7 +106,7 @@ def print_row(seen: RowOutcome, *, quiet: bool) -> None:
         )
     if update.alarm:
         anew = "; begun anew there" if seen.begun_anew is not None else ""
-        PlainConsole().print(f"! {update.alarm.sentence}{anew}", soft_wrap=True)
+        PlainConsole().print(f"! {update.alarm.sentence}{where}{anew}", soft_wrap=True)
 
 
 def _reading(reading: dict[object, object]) -> str:
@@ -130,14 +131,15 @@ def followed_overview(followed: FollowedStream) -> Overview:
         rows.append((PARAMETERS[row["parameter"]].symbol, row["unit"], *figures))
     left = f", {followed.left_out} left out" if followed.left_out else ""
     evidence = f"{stream.log_evidence:.2f} ± {stream.log_evidence_error:.2f}"
-    lines = [f"{len(stream)} rows{left}; log evidence {evidence}."]
+    read = "slip on the radius '{slip_reference}', sinkage from '{sinkage_reference}'".format(**stream.references)
+    lines = [f"{len(stream)} rows{left}, {read}; log evidence {evidence}."]
     outside, of = followed.misses
     if wrong := binom.sf(outside - 1, of, 0.1) < RARE:
         lines.insert(0, f"The model does not predict these rows: {outside} of {of} readings lie outside the 90 % bands"
                         " expected of them. It is wrong for them, or the noise is stated too small.")  # fmt: skip
     if stream.watch.rate is None:
         lines.append("Changes of soil were not looked for.")
-    elif not followed.alarms and stream.alarm is None:
+    elif followed.soil == 1 and not followed.alarms and stream.alarm is None:
         lines.append(
             f"No change of soil was found (at most {stream.watch.rate:g} false alarms per row, on average"
             f" over the prior){'; by a model that does not predict that says nothing' if wrong else ''}."

@@ -12,13 +12,14 @@ import pandas as pd
 from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
 from bayesterra.follow.rows import Alarm, Update, cells, read_row
 from bayesterra.follow.stream import STATE, Stream, load_stream
+from bayesterra.models import M2L
 from bayesterra.runtime.folders import check_free, write_text
 from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells
 from bayesterra.study import schema
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result
-from bayesterra.study.study import STUDY_FILE, load_study, without_wheels
+from bayesterra.study.study import STUDY_FILE, Study, load_study, without_wheels
 
 UPDATES = "updates.csv"
 
@@ -32,6 +33,7 @@ class RowOutcome:
     update: Update | None = None
     problem: str = ""
     begun_anew: int | None = None
+    place: int = 0  # in the file, of the row or of that where the soil changed; 0 where it has the same number
 
 
 @dataclass
@@ -50,6 +52,7 @@ class FollowedStream(AnalysisResult):
     soil: int = 1  # number of the soil that the rover is on, by the alarms so far
     alarms: list[Alarm] = field(default_factory=list)  # all of them
     left_out: int = 0  # number of rows that could not be used
+    places: dict[int, int] = field(default_factory=dict)  # number in the file of the rows that were added now
 
     def take(self, table: pd.DataFrame, *, restart: bool) -> RowOutcome:
         """Add a row; one that cannot be used is left out, unless it is the very first.
@@ -68,6 +71,7 @@ class FollowedStream(AnalysisResult):
     def _taken(self, table: pd.DataFrame, *, restart: bool) -> RowOutcome:
         stream = self.stream
         number = stream.offset + len(stream) + 1
+        place = int(table.attrs.get("row", number))
         try:
             row = read_row(stream.study, table, number, stream.references)
             update = stream.learn(row)
@@ -75,17 +79,20 @@ class FollowedStream(AnalysisResult):
             if not self.table and not len(stream):
                 raise
             self.left_out += 1
-            return RowOutcome(number, problem=str(error))
+            return RowOutcome(number, problem=str(error), place=place if place != number else 0)
+        self.places[number] = place
         by = stream.rows.by
         label = {by: row.label(by)[0]} if by else {}
         self.table.append({"soil": self.soil, **label, **cells(update, row)})
-        anew = None
+        anew, since = None, 0
         if update.alarm:
             self.alarms.append(update.alarm)
+            since = self.places.get(update.alarm.since, update.alarm.since)
+            since = since if since != update.alarm.since else 0
             if restart:
                 anew = update.alarm.since
                 self.stream, self.soil = stream.restarted(anew), self.soil + 1
-        return RowOutcome(number, row, update, begun_anew=anew)
+        return RowOutcome(number, row, update, begun_anew=anew, place=since)
 
     @property
     def misses(self) -> tuple[int, int]:
@@ -148,9 +155,23 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
     without_wheels(study, "follow")
     path = what / STUDY_FILE if what.is_dir() else what
     with errors_in(path):
-        described = schema.checked(schema.read_toml(path), bare=False).data
-    stated = {name: getattr(described, name) for name in ("slip_reference", "sinkage_reference")}
-    return FollowedStream(Stream(study, **{**stated, **options}))
+        content = schema.checked(schema.read_toml(path), bare=False)
+    stated = {name: getattr(content.data, name) for name in ("slip_reference", "sinkage_reference")}
+    return FollowedStream(Stream(_of_whole_table(study, path, content), **{**stated, **options}))
+
+
+def _of_whole_table(study: Study, path: Path, content: schema.StudyContent) -> Study:
+    """The study with what the file leaves to its table, the range or the mean of loads, from all rows of that."""
+    told = {"load_range": study.drive.latent_load and content.load_range is None,
+            "mean_load": isinstance(study.model, M2L) and content.model_options.mean_load is None}  # fmt: skip
+    if not any(told.values()):
+        return study
+    try:
+        whole = load_study(path, prior_only=True)
+    except StudyError as error:
+        keys = " and ".join(f"'{key}'" for key, needed in told.items() if needed)
+        raise StudyError(f"{keys} must be given to follow rows, as no whole table tells it ({error})") from error
+    return study.having(model=whole.model, load_range=whole.load_range)
 
 
 def _gone_on(stream: Stream, updates: Path) -> FollowedStream:
@@ -227,7 +248,9 @@ def rows_of(data: Path | TextIO, stack: ExitStack) -> Iterator[pd.DataFrame]:
                 raise StudyError(f"every row must have {len(header)} cells (got {len(line)}, row {number})")
             cell = dict(zip((name.strip() for name in header), line, strict=True))
             if cell.get("use", "1").strip() not in ("0", "0.0"):
-                yield pd.DataFrame([line], columns=pd.Index(header), dtype=str)
+                table = pd.DataFrame([line], columns=pd.Index(header), dtype=str)
+                table.attrs["row"] = number
+                yield table
 
 
 def _named(data: Path | TextIO) -> str:

@@ -17,7 +17,6 @@ from bayesterra.report.sections import Prose
 from bayesterra.report.symbols import amount, angles, listed, symbol, symbols, with_unit
 from bayesterra.stats.laws import Law
 from bayesterra.study.model_errors import Size
-from bayesterra.study.noise import Noise
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Entry, Tie
 from bayesterra.study.soil_tests import LEVELS
@@ -34,7 +33,8 @@ def slip_note(target: Posterior, x: FloatArray) -> tuple[Text, ...]:
 
 def described(study: Study) -> Overview:
     """Rows, wheels and model."""
-    return (_readings(study), _wheels(study), Text(_model(study)), *_errors(study))
+    errors = errors_text(study)
+    return (_readings(study), _wheels(study), Text(_model(study)), *([Text(errors)] if errors else []))
 
 
 def conditions(study: Study) -> Blocks:
@@ -56,7 +56,7 @@ def _readings(study: Study) -> Table:
     table[symbol("slip")] = [*column(rows.slip, 4), *[""] * last]
     for name, values in columns.items():
         cells = zip(rows.marks(name), column(values / CHANNELS[name].scale), strict=True)
-        noise = noise_text(study.noise.get(name))
+        noise = noise_text(study, name)
         own = [f"{again[name].sd / CHANNELS[name].scale:.2g}" if name in again else ""] if again else []
         table[with_unit(name)] = [*(f"{mark}{cell}" for mark, cell in cells), noise, *own]
     table["in the fit"] = [*("yes" if use else "no" for use in rows.use), *[""] * last]
@@ -65,18 +65,25 @@ def _readings(study: Study) -> Table:
     return Table(caption, align, tuple(table), tuple(zip(*table.values(), strict=True)))
 
 
-def noise_text(noise: Noise | None) -> str:
-    """Noise of a channel in its field unit, in a few words; None: the channel is given."""
-    if noise is None:
+def noise_text(study: Study, name: str, unit: str = "") -> str:
+    """Noise of a channel in its field unit, in a few words; lengths and forces are followed by ``unit``."""
+    if name not in study.noise:
         return "given"
-    scale = CHANNELS[noise.channel].scale
+    noise, scale = study.noise[name], CHANNELS[name].scale
     tails = noise.tails.words and f", {noise.tails.words}"
-    tails += f", read to {noise.resolution / scale:g}" if noise.resolution else ""
+    tails += f", read to {noise.resolution / scale:g}{unit}" if noise.resolution else ""
+    own = study.observations.used().given_sd.get(name, np.full(1, np.nan)) / scale
+    by_row = own[~np.isnan(own)]
     if noise.law is not None:
-        return f"estimated{tails}"
-    if noise.fraction is not None:
-        return f"{100 * noise.fraction:g} %, at least {noise.floor / scale:g}{tails}"
-    return f"{(noise.sd or 0.0) / scale:g}{tails}"
+        text = "estimated"
+    elif noise.fraction is not None:
+        text = f"{100 * noise.fraction:g} %, at least {noise.floor / scale:g}{unit}"
+    else:
+        text = f"{(noise.sd or 0.0) / scale:g}{unit}"
+    if by_row.size:
+        ends = " to ".join(dict.fromkeys(f"{end:.3g}" for end in (by_row.min(), by_row.max())))
+        text = f"by row, {ends}{unit}" + (f", else {text}" if by_row.size < own.size else "")
+    return f"{text}{tails}"
 
 
 def _wheels(study: Study) -> Table:
@@ -98,14 +105,13 @@ def _model(study: Study) -> Markup:
     return say("model", study.model, options, study.drive.sentence, _law_of_noise(study))
 
 
-def _errors(study: Study) -> tuple[Text, ...]:
-    """Discrepancy, ripple and slip errors in words, where there are any."""
+def errors_text(study: Study) -> Markup:
+    """Discrepancy, ripple and slip errors in words; "" where there are none."""
     errors = study.errors
     discrepancy = listed(say("discrepancy", e, _size(e.channel, e.size)) for e in errors.discrepancy.values())
     ripple = listed(say("ripple", e, _size(e.channel, e.size)) for e in errors.ripple.values())
     slip = "" if errors.slip is None else _size("slip", errors.slip.size)
-    text = say("errors", discrepancy, ripple, slip, bool(errors) and study.load_range is not None)
-    return (Text(text),) if text else ()
+    return say("errors", discrepancy, ripple, slip, bool(errors) and study.load_range is not None)
 
 
 def _size(channel: str, size: Size) -> Markup:

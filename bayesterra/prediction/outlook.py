@@ -326,8 +326,9 @@ def predict_rover(
     if not isinstance(rover, Rover):
         path = checked_path("bt.predict_rover", rover, "a rover file, or a bt.Rover")
         rover = read_rover(path, result.study.wheels, prior_phi(result.study))
-    at_both = (name for name, wheel in result.study.wheels.items() if {wheel} == set(rover.wheels))
-    result = result.of_group(group, wheel=next(at_both, ""))
+    alike = [name for name, wheel in result.study.wheels.items() if {wheel} == set(rover.wheels)]
+    both = [name for name in dict.fromkeys(rover.wheel_names) if name in alike] or alike[:1]
+    result = result.of_group(group, wheel=both[0] if len(both) == 1 else "")
     study = result.study
     front, rear = (resolved(wheel, prior_phi(study)) for wheel in rover.wheels)
     rover = replace(rover, wheels=(front, rear))
@@ -372,13 +373,15 @@ def _with_curves(study: Study, rover: Rover, ground: Ground, draws: FloatArray) 
     """A ground with the model's own error of each wheel, one curve over slip for every draw."""
     target, curves, rng = posterior(study), {}, default_rng(CURVES)
     read, soil, values = target.likelihood, study.prior.soil_values(draws), target.noise_values(draws)
-    for wheel in dict.fromkeys(rover.wheels):
-        drawn = read.beyond(soil, values, prediction.name_of(study, wheel), statics.SLIPS, rng)
-        curves[wheel] = np.zeros((len(draws), len(statics.SLIPS), len(RESPONSE)))
+    axles = [(wheel, prediction.name_of(study, wheel, called))
+             for wheel, called in zip(rover.wheels, rover.wheel_names, strict=True)]  # fmt: skip
+    for axle in dict.fromkeys(axles):
+        drawn = read.beyond(soil, values, axle[1], statics.SLIPS, rng)
+        curves[axle] = np.zeros((len(draws), len(statics.SLIPS), len(RESPONSE)))
         for i, name in enumerate(RESPONSE):
             if drawn is not None and name in read.channels:
-                curves[wheel][:, :, i] = drawn[:, :, read.channels.index(name)]
-    return CurvedGround(ground, (curves[rover.wheels[0]], curves[rover.wheels[1]]))
+                curves[axle][:, :, i] = drawn[:, :, read.channels.index(name)]
+    return CurvedGround(ground, (curves[axles[0]], curves[axles[1]]))
 
 
 def _over_tow(rover: Rover, ground: Ground, slope: float, tows: FloatArray, flat: Sweep) -> State | None:

@@ -29,7 +29,7 @@ from bayesterra.study.drive import Drive
 from bayesterra.study.result import CURVE_QUANTILES, AnalysisResult, Result
 from bayesterra.study.study import Study, without_wheels
 from bayesterra.study.units import quantity
-from bayesterra.study.wheels import checked_slips, chosen_wheel, driven_range, measured_loads
+from bayesterra.study.wheels import checked_slips, chosen_wheel, chosen_wheels, driven_range, measured_loads
 
 say = Prose("prediction")
 
@@ -346,7 +346,7 @@ def predict(
     draws, index = spread(result)
     forward, outcomes, reasons = answers(study, driven, at, carried, study.prior.soil_values(draws))
     rng = default_rng(seed)
-    readings = posterior(study).drive(forward, outcomes, draws, name_of(study, driven), rng).values
+    readings = posterior(study).drive(forward, outcomes, draws, name_of(study, driven, called), rng).values
     efficiency = tractive_efficiency(outcomes["drawbar_pull"], outcomes["resistance_moment"], forward.conditions)
     rows = study.observations.used().slip
     return Prediction(
@@ -378,9 +378,10 @@ def spread(result: Result, most: int = DRAWS) -> tuple[FloatArray, IntArray]:
     return draws[take], np.column_stack([chain, draw])
 
 
-def name_of(study: Study, driven: Wheel) -> str | None:
-    """Name of a wheel of the study; None for another one."""
-    return next((name for name, wheel in study.wheels.items() if wheel == driven), None)
+def name_of(study: Study, driven: Wheel, called: str) -> str | None:
+    """Name of a wheel of the study, of several alike the one called so or the first; None for another one."""
+    alike = [name for name, wheel in study.wheels.items() if wheel == driven]
+    return called if called in alike else next(iter(alike), None)
 
 
 def _derived(study: Study, wheel: Wheel, load: float, x: FloatArray) -> dict[str, FloatArray]:
@@ -452,7 +453,7 @@ def forecast(
     dimensions = {name: channel.dimension for name, channel in PREDICTED.items()}
     conditions = tuple(Condition.read(text, dimensions) for text in probabilities)
     cases: list[Case] = []
-    for name, wheel in [chosen_wheel(result.study, text) for text in wheels or (None,)]:
+    for name, wheel in chosen_wheels(result.study, wheels or (None,)).items():
         asked = _on_shearing_radius(slips, wheel, slip_reference)
         asked = asked if asked.size else np.unique(result.study.observations.used().slip)
         driven = driven_range(result.study)  # bands of the plot hold all that were driven or asked for

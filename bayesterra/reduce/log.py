@@ -78,7 +78,8 @@ def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: s
         mine = [known_column(str(header), [*LOGGED, "test"])[0] for header in table.columns]
         chosen = table.loc[:, [name in LOGGED or name == "test" for name in mine]]
         columns = named_columns(chosen, _scale, [*LOGGED, "test"])
-        values = {name: column.si() for name, column in columns.items() if name != "test"}
+        read = {name: column.si() for name, column in columns.items() if name != "test"}
+        values = {name: samples for name, samples in read.items() if not np.isnan(samples).all()}
         if not values or len(table) < FEWEST:
             got = f"{len(table)} rows of {', '.join(columns) or 'none'}"
             raise StudyError(f"must hold at least {FEWEST} samples of known channels (got {got})")

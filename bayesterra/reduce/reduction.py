@@ -1,7 +1,7 @@
 """Reduction of logs: steady windows of drives become rows, loading branches of plate tests become readings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
@@ -126,15 +126,21 @@ def reduce_logs(
     logs: list[Log] = []
     windows: list[Window] = []
     branches: list[Branch] = []
+    names = [path.name for path in paths]
     for path in paths:
+        if paths.count(path) > 1:
+            raise StudyError(f"'{path}' is given twice: name it once")
         read = read_log(path, **form)
         with errors_in(path):
             log = read.without_offsets(record) if record else read
+            log = log if names.count(path.name) == 1 else replace(log, name=str(path))
             logs.append(log)
             if lengths["plate"] or not {"travel_speed", "position", "rim_speed", "wheel_speed", "slip"} & set(
                 log.values
             ):
-                branches += [branch_of(test, lengths["plate"]) for test in log.tests()]
+                found = [branch_of(test, lengths["plate"]) for test in log.tests()]
+                taken = {branch.test for branch in branches}
+                branches += [replace(b, test=f"{log.name} {b.test}") if b.test in taken else b for b in found]
             else:
                 windows += windows_of(log, settings)
     if windows and branches:
@@ -167,7 +173,13 @@ def branch_of(log: Log, plate: float | None) -> Branch:
     stress = next((name for name in ("force", "pressure", "normal_force", "load") if name in values), "")
     if not stress or "sinkage" not in values:
         raise StudyError("a plate test needs 'sinkage [mm]' and 'force [N]' or 'pressure [kPa]'")
-    diameter = float(values["plate_diameter"][0]) if "plate_diameter" in values else plate
+    stated = values.get("plate_diameter", np.empty(0))
+    told = np.unique(stated[~np.isnan(stated)])
+    if len(told) > 1 or (told <= 0).any():
+        got = " to ".join(f"{1e3 * end:g}" for end in dict.fromkeys(told[[0, -1]]))
+        raise StudyError(f"'plate_diameter' must be one length above 0 in a test (got {got} mm, {log.name}): name tests"
+                         " in a column 'test'")  # fmt: skip
+    diameter = float(told[0]) if told.size else plate
     if diameter is None:
         raise StudyError("the plate's diameter is missing: --plate \"100 mm\", or a column 'plate_diameter [mm]'")
     there = ~(np.isnan(values["sinkage"]) | np.isnan(values[stress]))

@@ -109,7 +109,8 @@ def drive_series(log: Log, settings: Settings) -> dict[str, FloatArray]:
     if "travel_speed" in values:
         series["travel_speed"] = values["travel_speed"]
     elif "position" in values:
-        series["travel_speed"] = np.gradient(values["position"], values["time"])
+        times, first, back = np.unique(values["time"], return_index=True, return_inverse=True)
+        series["travel_speed"] = np.gradient(values["position"][first], times)[back]
     if "rim_speed" in values:
         series["rim_speed"] = values["rim_speed"]
     elif "wheel_speed" in values:
@@ -271,10 +272,11 @@ def _moments(
         error = float(np.std(there, ddof=1)) if _drift(there)[1] else error_of_mean(there)
         steps = np.diff(np.unique(samples[name][~np.isnan(samples[name])]))
         resolution = float(steps.min()) if steps.size else RESOLVED * abs(mean[name])
-        sd[name] = float(np.hypot(error, resolution / np.sqrt(12)))
+        sd[name] = float(np.hypot(error, resolution / np.sqrt(12))) or np.nan  # a channel of zeros tells none
     if "slip" not in mean:
         mean["slip"], (by_travel, by_rim) = slip_of(mean["travel_speed"], mean["rim_speed"])
-        sd["slip"] = error_of_mean(by_travel * means["travel_speed"] + by_rim * means["rim_speed"])
+        both = by_travel * means["travel_speed"] + by_rim * means["rim_speed"]
+        sd["slip"] = error_of_mean(both[~np.isnan(both)])
     return mean, sd
 
 

@@ -187,7 +187,7 @@ def _sheet(content: bytes, sheet: str, most: int) -> tuple[list[list[Any]], str]
         chosen = _chosen_sheet(sheet, names)
         page = book[chosen]
         page.reset_dimensions()  # which other programs write as they like
-        lines = list(_sheet_lines(page.iter_rows(values_only=True), most))
+        lines = list(_sheet_lines(page.iter_rows(), most))
         width = max(map(len, lines), default=0)
         return [[*line, *[""] * (width - len(line))] for line in lines], f"Excel, sheet '{chosen}'"
     except StudyError:
@@ -208,18 +208,27 @@ def _chosen_sheet(sheet: str, names: Sequence[str]) -> str:
 
 
 def _sheet_lines(rows: Iterable[Sequence[Any]], most: int) -> Iterator[list[Any]]:
-    """Lines of a sheet that are not blank, within the limits; dates as texts."""
-    count = 0
+    """Lines of a sheet that are not blank, within the limits; dates as texts, percents as they show below a % sign."""
+    count, percents = 0, list[bool]()
     for row in rows:
-        cells = ["" if cell is None else str(cell) if isinstance(cell, date | time) else cell for cell in row]
+        cells = [_sheet_value(cell, i < len(percents) and percents[i]) for i, cell in enumerate(row)]
         while cells and not str(cells[-1]).strip():
             cells.pop()
         _check_cells(cells, count)
         if cells:
+            percents = percents or ["%" in str(title) for title in cells]
             count += 1
             yield cells
         if count > most + 1:
             raise StudyError(f"must have at most {most} rows")
+
+
+def _sheet_value(cell: Any, percent: bool) -> Any:
+    """Value of a cell of a sheet; where the column is in ``percent``, a cell that shows 10 % says 10."""
+    value = cell.value
+    if percent and isinstance(value, float | int) and "%" in (cell.number_format or ""):
+        return round(100 * value, 12)
+    return "" if value is None else str(value) if isinstance(value, date | time) else value
 
 
 def _rectangular(lines: list[list[Any]]) -> list[list[Any]]:

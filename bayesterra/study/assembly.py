@@ -302,7 +302,8 @@ def conditioned(observations: Observations, drive: Drive, *, expected: bool = Fa
     notes: list[str] = []
     has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
     if not drive.reads_force and has_force and not has_load:
-        observations = replace(observations, load=observations.values["normal_force"])
+        exact = {**observations.given_sd, "load": np.full(len(observations), np.nan)}
+        observations = replace(observations, load=observations.values["normal_force"], given_sd=exact)
         notes.append("no load column: the measured normal force is the load")
     elif not drive.reads_force and has_force:
         notes.append(f"normal_force is not used, as the drive '{drive}' conditions on the load")
@@ -313,6 +314,8 @@ def conditioned(observations: Observations, drive: Drive, *, expected: bool = Fa
         notes.append("no normal_force column: the load is the measured normal force")
     elif drive.latent_load and has_load:
         notes.append(f"load is not used, as the drive '{drive}' infers it from the readings")
+    if not drive.reads_force and not np.isnan(observations.given_sd.get("load", np.nan)).all():
+        notes.append(f"load_sd is not used, as the drive '{drive}' takes loads as exact")
     if not drive.latent_load:
         ((channel, given),) = drive.conditioned(observations).items()
         if np.isnan(given).all():

@@ -401,7 +401,7 @@ def _wheel_names(columns: Mapping[str, Column], length: int, wheels: tuple[str, 
 
 def labels(column: Column) -> tuple[str, ...]:
     """A column as names; StudyError where a cell is empty or no name."""
-    names = tuple("" if cell is None or cell is pd.NA else str(cell).strip() for cell in column.cells)
+    names = tuple("" if pd.isna(cell) else str(cell).strip() for cell in column.cells)
     for row, name in enumerate(names, start=1):
         if not name:
             raise StudyError(f"'{column.name}' must be given in every row (empty in row {row})")

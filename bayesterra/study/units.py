@@ -17,11 +17,12 @@ ANGLES = ("radian", "degree", "milliradian", "grade", "turn", "arcminute", "arcs
 
 _EXAMPLES = {
     "": "0.5", "rad": "32 deg", "m": "12 mm", "Pa": "250 kPa", "N": "80 N", "N m": "0.3 N m",
-    "Pa m": "15.6 kPa m", "kg": "25 kg", "m/s^2": "9.81 m/s^2",
+    "Pa m": "15.6 kPa m", "kg": "25 kg", "m/s^2": "9.81 m/s^2", "rad/s": "1 rad/s, 10 rpm or 1 turn/s",
 }  # fmt: skip
 _NAMES = {
     "": "pure number", "rad": "angle", "m": "length", "Pa": "pressure", "N": "force", "N m": "torque",
     "Pa m": "pressure times length", "kg": "mass", "m/s^2": "acceleration",
+    "rad/s": "angular speed",
 }  # fmt: skip
 _FIELD_UNITS = {"rad": "deg", "m": "mm", "Pa": "kPa", "Pa m": "kPa m"}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-].*?)?\s*")
@@ -65,7 +66,8 @@ def factor(unit: str, dimension: str) -> float:
     parsed = _parsed(unit)
     angle = str(parsed) in ANGLES
     expected = _registry().Unit(dimension)
-    if parsed.dimensionality != expected.dimensionality or angle != (dimension == "rad"):
+    turns = dimension != "rad/s" or any(word in str(parsed) for word in (*ANGLES, "revolution"))
+    if parsed.dimensionality != expected.dimensionality or angle != (dimension == "rad") or not turns:
         example = _EXAMPLES.get(dimension, f"1 {dimension}")
         wanted = f'{_NAMES.get(dimension, dimension)} (e.g. "{example}")'
         raise StudyError(f"the unit '{unit}' is not a unit of {wanted}")

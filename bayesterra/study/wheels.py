@@ -1,5 +1,6 @@
 """Wheels: files that describe one, wheels of a study by name, and the slips and loads that were driven."""
 
+from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
@@ -71,10 +72,15 @@ def chosen_wheel(study: Study, wheel: str | Path | Wheel | None = None, name: st
 
     Raises
     ------
-    StudyError : neither a wheel of the study nor a file.
+    StudyError : neither a wheel of the study nor a file, or another one with the name of one of the study.
     """
     if isinstance(wheel, Wheel):
-        return name or "other wheel", resolved(wheel, prior_phi(study))
+        other = resolved(wheel, prior_phi(study))
+        if study.wheels.get(name, other) != other:
+            raise StudyError(
+                f"'{name}' is a wheel of the study with other dimensions: give the other wheel another name"
+            )
+        return name or "other wheel", other
     wheels, text = study.wheels, next(iter(study.wheels)) if wheel is None else str(wheel)
     if text in wheels:
         return text, wheels[text]
@@ -82,6 +88,17 @@ def chosen_wheel(study: Study, wheel: str | Path | Wheel | None = None, name: st
         raise StudyError(f"'{text}' is neither a wheel of the study nor a file{did_you_mean(text, wheels)}")
     name, other = read_wheel(Path(text))
     return chosen_wheel(study, other, name)
+
+
+def chosen_wheels(study: Study, wheels: Iterable[str | Wheel | None]) -> dict[str, Wheel]:
+    """Wheels by name, each as in :func:`chosen_wheel`; StudyError for two wheels of one name."""
+    chosen: dict[str, Wheel] = {}
+    for each in wheels:
+        name, wheel = chosen_wheel(study, each)
+        if chosen.setdefault(name, wheel) != wheel:
+            mend = "ask for one after the other" if isinstance(each, Wheel) else "rename a file"
+            raise StudyError(f"two wheels are called '{name}': {mend}")
+    return chosen
 
 
 def prior_phi(study: Study) -> float:

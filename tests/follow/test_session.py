@@ -21,6 +21,7 @@ from bayesterra.follow.session import FollowedStream
 from bayesterra.report.blocks import Text
 from bayesterra.runtime.checkpoints import Checkpoints
 from bayesterra.study.canonical import write_study
+from tests.support.folder import Write
 
 Captured = pytest.CaptureFixture[str]
 QUICK = ["--particles", "150"]
@@ -217,3 +218,47 @@ def test_a_model_that_does_not_predict_is_said_to_be_wrong_first(plan: bt.Study,
         " It is wrong for them, or the noise is stated too small."
     )
     assert "by a model that does not predict that says nothing" in told[-1].text
+
+
+FORCES = "slip,normal_force [N],sinkage [mm],drawbar_pull [N]\n0.1,40,4.0,9.0\n0.3,160,15,32\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "key"), [('model = "M2"\ndrive = "both"', "load_range"), ('model = "M2L"', "mean_load")]
+)
+def test_what_a_study_leaves_to_its_table_comes_from_all_of_it(head: str, key: str, write: Write) -> None:
+    """Not from the first row; where the table is missing the key is asked for."""
+    table = FORCES if "both" in head else FORCES.replace("normal_force", "load")
+    path = write(('title = "Small study"', head), ("sinkage =", 'normal_force = "1 N"\nsinkage ='), table=table)
+    rows = pd.read_csv(path.parent / "measurements.csv", dtype=str)
+    stream, whole = session.begin(path, rows.iloc[[0]]).stream, bt.load_study(path)
+    assert (stream.study.load_range, stream.study.model) == (whole.load_range, whole.model)
+    assert session.begin(path.parent, rows.iloc[[0]]).stream.study.model == whole.model
+    (path.parent / "measurements.csv").unlink()
+    with pytest.raises(bt.StudyError, match=rf"^'{key}' must be given to follow rows, as no whole table tells it"):
+        session.begin(path, rows.iloc[[0]])
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_rows_have_the_numbers_of_their_file_and_a_restart_is_not_forgotten(
+    folder: Path, tmp_path: Path, capsys: Captured
+) -> None:
+    """Rows that are passed over count; a stream that went on after an alarm does not say that none was."""
+    (header, first, *rest) = (folder / "rows.csv").read_text().splitlines()
+    cells = zip(header.split(","), first.split(","), strict=True)
+    passed = ",".join("0" if name == "use" else cell for name, cell in cells)
+    bad = first.replace("0.", "1.", 1)
+    (tmp_path / "rows.csv").write_text("\n".join([header, passed, passed, first, bad, *rest[:-1]]) + "\n")
+    (tmp_path / "last.csv").write_text("\n".join([header, rest[-1]]) + "\n")
+    out = tmp_path / "s"
+    asked = ["--out", str(out), "--restart", "--overwrite"]
+    assert main(["follow", str(folder), "--data", str(tmp_path / "rows.csv"), *asked, *QUICK]) == 0
+    printed = capsys.readouterr()
+    assert "row 2) (row 4 of the file)" in printed.err
+    since = int(pd.read_csv(out / "updates.csv")["alarm"].dropna().iloc[0])
+    assert f"begin anew from row {since} (row {since + 3} of the file); begun anew there" in printed.out
+    assert "slip on the radius 'shearing', sinkage from 'rim'" in " ".join(printed.out.split())
+    assert main(["follow", str(out), "--data", str(tmp_path / "last.csv"), *asked]) == 0
+    printed = capsys.readouterr()
+    assert f"soil 2 since row {since}" in printed.out
+    assert "No change of soil was found" not in printed.out

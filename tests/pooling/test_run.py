@@ -16,6 +16,7 @@ from markupsafe import escape
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis import run as analysis_run
+from bayesterra.analysis.export import _as_json, methods_text
 from bayesterra.analysis.inference import run_prior
 from bayesterra.analysis.result import read_result
 from bayesterra.analysis.run import load_result
@@ -232,6 +233,15 @@ def test_a_joint_posterior_shows_itself(result: PooledResult) -> None:
     assert "elpd of groups" in shown
     assert "Evidence prefers" in shown
     assert result.tables().keys() == {"summary", "pooling", "sharing", "left_out"}
+
+
+def test_words_and_draws_for_a_manuscript_know_the_groups(result: PooledResult) -> None:
+    """Who shares what, and a unit for every parameter."""
+    text = methods_text(result)
+    assert "Groups by wheel share φ; K of each come from one population." in text
+    assert "independent of each other: " in text
+    units = json.loads(_as_json(result))["units"]
+    assert units == {**dict.fromkeys(result.names, "m"), "phi": "rad"}
 
 
 def test_page_says_what_is_shared(result: PooledResult) -> None:

@@ -154,6 +154,25 @@ def test_a_rover_says_where_its_parameters_are_from(make: MakeStudy, monkeypatch
         driven("Wh32", "Wh32", "Wh23")
 
 
+def test_a_rover_on_wheels_of_one_size_has_the_group_of_their_name(
+    make: MakeStudy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two groups' wheels at its axles, or none's by name, are told apart; the first only where no name says more."""
+    monkeypatch.setattr("bayesterra.prediction.outlook.DRAWS", 50)
+    result = _result(make(wheels=dict.fromkeys(WHEELS, WHEELS["Wh32"])))
+
+    def told(front: str, rear: str) -> str:
+        rover = bt.Rover(
+            name="r", weight=320.0, wheelbase=0.8, centre_height=0.3, centre_ahead=0.4, tow_height=0.2,
+            wheels=(WHEELS["Wh32"], WHEELS["Wh32"]), wheel_names=(front, rear),
+        )  # fmt: skip
+        return bt.predict_rover(result, rover, slopes=["5 deg"]).notes[0]
+
+    assert told("Wh32", "Wh32").startswith("parameters are those of Wh32 ")
+    assert told("front wheel", "rear wheel").startswith("parameters are those of Wh11 ")
+    assert told("Wh11", "Wh32").startswith("this wheel was not tested")
+
+
 def test_groups_by_site_take_a_name_or_none(make: MakeStudy) -> None:
     """A new site by default, one of those that were driven by name."""
     result = _result(make(pooling={"by": "site", "shared": ["phi"], "hierarchical": {"K": {}}}))

@@ -16,7 +16,7 @@ from bayesterra.errors import StudyError
 from bayesterra.models import M2, Soil, Status, Wheel
 from bayesterra.parameters import SOIL_PARAMETERS
 from bayesterra.prediction import page as prediction_pages
-from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Condition, Forecast, forecast, slips_of
+from bayesterra.prediction.prediction import PREDICTED, UNANSWERED, Condition, Forecast, forecast, name_of, slips_of
 from bayesterra.report.figures import figure_of
 from bayesterra.study.result import Result, parameter_dataset
 from bayesterra.study.study import Study
@@ -273,3 +273,26 @@ def test_conditions_of_another_form_are_named(text: str, message: str) -> None:
     """One line each, before anything is computed."""
     with pytest.raises(StudyError, match=re.escape(message)):
         Condition.read(text, {name: channel.dimension for name, channel in PREDICTED.items()})
+
+
+def test_wheels_of_one_size_are_told_apart_by_name(wide: Result) -> None:
+    """A discrepancy is that of the wheel that was asked for, not of the first one like it."""
+    (wheel,) = wide.study.wheels.values()
+    alike = wide.study.having(wheels={"A": wheel, "B": wheel})
+    assert [name_of(alike, wheel, called) for called in ("A", "B", "other wheel")] == ["A", "B", "A"]
+    assert name_of(alike, SMALL, "A") is None
+
+
+def test_names_of_wheels_are_used_once(wide: Result, tmp_path: Path) -> None:
+    """A file called like a wheel of the study, and two files of one name, are refused where sizes differ."""
+    for folder, radius in (("a", 100), ("b", 110)):
+        (tmp_path / folder).mkdir()
+        for name in ("wheel", "Wh32"):
+            (tmp_path / folder / f"{name}.toml").write_text(SMALL_FILE.replace("100 mm", f"{radius} mm", 1))
+    with pytest.raises(StudyError, match=r"^'Wh32' is a wheel of the study with other dimensions: give the"):
+        bt.predict(wide, 0.2, wheel=tmp_path / "a" / "Wh32.toml")
+    files = [str(tmp_path / folder / "wheel.toml") for folder in "ab"]
+    with pytest.raises(StudyError, match=r"^two wheels are called 'wheel': rename a file$"):
+        forecast(wide, wheels=files, slips=[0.2])
+    with pytest.raises(StudyError, match=r"^two wheels are called 'other wheel': ask for one after the other$"):
+        bt.recommend(wide, wheels=[SMALL, replace(SMALL, radius=0.11)])

@@ -245,3 +245,68 @@ def test_logs_that_are_none_are_refused(write: Callable[..., Path], drive: Simul
     backwards = drive.table.iloc[::-1]
     with pytest.raises(StudyError, match=r"'time' must not run backwards \(it does in row 2\)"):
         reduce_logs([write(backwards)], **WHEEL)
+
+
+def test_logs_of_one_name_stay_apart(write: Callable[..., Path], drive: SimulatedDrive, tmp_path: Path) -> None:
+    """Tests have names of their own, rows the kind of their own log; a log given twice is refused."""
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    first, second = write(plate(), "a/plate.csv"), write(plate(loop=False), "b/plate.csv")
+    reduction = reduce_logs([first, second], plate="100 mm")
+    assert [branch.test for branch in reduction.branches] == [str(first), str(second)]
+    one, two = (len(of_plate(path).branches[0].readings) for path in (first, second))
+    assert reduction.tables()["readings"].groupby("test").size().tolist() == [one, two]
+    again = write(plate().assign(test="1"), "second.csv")
+    tests = reduce_logs([write(plate().assign(test="1"), "first.csv"), again], plate="100 mm").branches
+    assert [branch.test for branch in tests] == ["1", "second.csv 1"]
+    with pytest.raises(StudyError, match=r"second\.csv' is given twice: name it once$"):
+        reduce_logs([again, again], plate="100 mm")
+    plain = drive.table.drop(columns="remark")
+    logs = [write(drive.table, "b/log.csv"), write(plain, "a/log.csv")]
+    kinds = reduce_logs(logs, **WHEEL).tables()["measurements"]["# kind"].tolist()
+    alone = [kind for log in logs for kind in reduce_logs([log], **WHEEL).tables()["measurements"]["# kind"]]
+    assert kinds == alone
+    assert len({*kinds}) == 2
+
+
+def test_a_plate_has_one_diameter(write: Callable[..., Path]) -> None:
+    """Of the cells that say one; several in a test, or none above 0, are refused."""
+    table = plate().assign(**{"plate_diameter [mm]": 80.0})
+    table.loc[0, "plate_diameter [mm]"] = np.nan
+    (branch,) = of_plate(write(table)).branches
+    assert branch.diameter == 0.08
+    for value, got in ((50.0, "50 to 80 mm"), (-80.0, "-80 to 80 mm")):
+        table.loc[5, "plate_diameter [mm]"] = value
+        with pytest.raises(StudyError, match=rf"must be one length above 0 in a test \(got {got}, log.csv\)"):
+            of_plate(write(table))
+
+
+def test_channels_without_a_reading_are_left_out(write: Callable[..., Path], drive: SimulatedDrive) -> None:
+    """Of a log and of its zero record."""
+    empty = write(drive.table.assign(**{"drawbar_pull [N]": np.nan}))
+    zero = write(drive.table.iloc[:400], "zero.csv")
+    reduction = reduce_logs([empty], zero=zero, **WHEEL)
+    assert "drawbar_pull [N]" not in reduction.tables()["measurements"]
+    assert "data:image/svg+xml" in reduction.page().html()
+    full = write(drive.table, "full.csv")
+    of = reduce_logs([full], zero=write(drive.table.iloc[:400].assign(**{"load [N]": np.nan}), "z.csv"), **WHEEL)
+    assert "drawbar_pull [N]" in of.tables()["measurements"]
+
+
+def test_errors_of_awkward_logs_are_numbers_or_left_out(write: Callable[..., Path], drive: SimulatedDrive) -> None:
+    """A channel of zeros has no error; a gap in a speed and a doubled time stamp cost no slip."""
+    table = drive.table.assign(**{"drawbar_pull [N]": 0.0})
+    rows = reduce_logs([write(table)], **WHEEL).tables()["measurements"]
+    assert (rows["drawbar_pull [N]"] == 0).all()
+    assert rows["drawbar_pull_sd [N]"].isna().all()
+    time = drive.table["time [s]"]
+    (window, *_) = reduce_logs([write(drive.table)], **WHEEL).kept
+    middle = 0.5 * (window.start + window.end)
+    gap = drive.table.copy()
+    gap.loc[(time > middle) & (time < middle + 3 * window.period), "travel_speed [mm/s]"] = np.nan
+    assert reduce_logs([write(gap)], **WHEEL).tables()["measurements"]["# slip_sd"].notna().all()
+    place = drive.table.copy()
+    place["position [m]"] = np.cumsum(place.pop("travel_speed [mm/s]")) / 1e5
+    place.loc[1, ["time [s]", "position [m]"]] = place.loc[0, ["time [s]", "position [m]"]]
+    rows = reduce_logs([write(place)], **WHEEL).tables()["measurements"]
+    assert_allclose(rows["slip"], [slip for slip, _ in STATES], atol=0.003)

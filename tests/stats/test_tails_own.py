@@ -117,7 +117,7 @@ def test_a_file_names_it(make_study: MakeStudy, tmp_path: Path) -> None:
         load_study(tmp_path / "own")
     again = load_study(tmp_path / "own", allow_code=True)
     assert again.fingerprint == study.fingerprint
-    assert noise_text(again.noise["drawbar_pull"]).endswith("1.5, tests.support.own_laws:Clipped law, reach 3.0")
+    assert noise_text(again, "drawbar_pull").endswith("1.5, tests.support.own_laws:Clipped law, reach 3.0")
     assert again.noise["drawbar_pull"].tails.name == "tests.support.own_laws:Clipped law, reach 3.0"
     assert len(identity(again, 1)["code of the noise of drawbar_pull"]) == 64
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from bayesterra.errors import StudyError
 from bayesterra.models import Wheel
-from bayesterra.study.observations import Observations, observations, read_table
+from bayesterra.study.observations import Column, Observations, labels, observations, read_table
 
 LUGGED = Wheel(0.1, 0.1, lug_height=0.02, lug_count=24, shearing_radius_coefficient=0.5)  # r_s = 0.11
 SMOOTH = Wheel(0.2, 0.1)
@@ -184,3 +184,10 @@ def test_files_that_cannot_be_opened_are_refused(tmp_path: Path) -> None:
         read_table(tmp_path / "missing.csv")
     with pytest.raises(StudyError, match=r"cannot be read \(Is a directory\)"):
         read_table(tmp_path)
+
+
+@pytest.mark.parametrize("empty", [None, np.nan, pd.NA, " "])
+def test_a_label_that_is_left_out_is_no_group(empty: object) -> None:
+    """Whatever stands for an empty cell in a table from Python."""
+    with pytest.raises(StudyError, match=r"^'site' must be given in every row \(empty in row 2\)$"):
+        labels(Column("site", ["a", empty], 1.0, "site", ""))

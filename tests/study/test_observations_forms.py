@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import openpyxl
 import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
@@ -96,3 +97,21 @@ def test_numbers_of_a_workbook_stay_numbers(tmp_path: Path) -> None:
     assert table.to_numpy().tolist() == [[0.125, "80.5"], ["0.2", 1.234]]
     assert table.attrs["form"] == "Excel, sheet 'rows', decimal commas"
     assert np.isnan(observations(pd.DataFrame({"slip": [0.1]}), {"Wh32": WHEELS["Wh32"]}, slip_reference="rim").load[0])
+
+
+def test_cells_in_percent_say_what_they_show(tmp_path: Path) -> None:
+    """Below a header in %, 10 % is 10; below one without a unit it is 0.1."""
+    book = openpyxl.Workbook()
+    sheet = book.active
+    assert sheet is not None
+    sheet.append(["slip [%]", "drawbar_pull [N]"])
+    for i, slip in enumerate((0.1, 0.07, 30.0)):
+        sheet.append([slip, 1.0])
+        sheet.cell(i + 2, 1).number_format = "0%" if slip < 1 else "General"
+    book.save(tmp_path / "t.xlsx")
+    sheet.cell(1, 1).value = "slip"
+    sheet.cell(4, 1).value = 0.3
+    book.save(tmp_path / "u.xlsx")
+    for name in ("t.xlsx", "u.xlsx"):
+        rows = observations(read_table(tmp_path / name), {"Wh32": WHEELS["Wh32"]}, slip_reference="shearing")
+        assert_allclose(rows.slip, [0.1, 0.07, 0.3], rtol=1e-15)

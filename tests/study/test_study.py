@@ -10,7 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayesterra.errors import StudyError
-from bayesterra.likelihood.page import study_overview
+from bayesterra.likelihood.page import noise_text, study_overview
 from bayesterra.models import M1, M2, MODELS, Wheel
 from bayesterra.models.geometry import shearing_radius_coefficient
 from bayesterra.report.terminal import show
@@ -338,3 +338,28 @@ def test_many_draws_ask_for_more_walkers() -> None:
         assert made(sampling={"target_ess": target}).sampling.walkers == walkers
         assert SamplingOptions(target_ess=target).walkers == walkers
     assert made(sampling={"target_ess": 20_000, "walkers": 32}).sampling.walkers == 32
+
+
+def test_a_table_of_normal_forces_keeps_its_fingerprint(write: Write, tmp_path: Path) -> None:
+    """The load that stands in for them is exact before and after it was written."""
+    study = load_study(write(("load [N]", "normal_force [N]")))
+    write_study(study, tmp_path)
+    assert load_study(tmp_path).fingerprint == study.fingerprint
+
+
+def test_a_load_with_an_error_is_taken_as_exact_and_that_is_noted(write: Write) -> None:
+    """By the drives that condition on it."""
+    study = load_study(write(("slip,load [N]", "slip,load_sd [N],load [N]"), ("80,", "1,80,")))
+    assert "load_sd is not used, as the drive 'load' takes loads as exact" in study.notes
+    assert not any("load_sd" in note for note in load_study(write()).notes)
+
+
+def test_noise_by_row_is_told_as_such(write: Write) -> None:
+    """By its ends in the unit, beside what holds for other rows; a part of the reading with its least."""
+    table = "slip,load [N],sinkage [mm],sinkage_sd [mm],drawbar_pull [N],drawbar_pull_sd [N]\n"
+    study = load_study(write(
+        ('drawbar_pull = "1.5 N"', 'drawbar_pull = { fraction = 0.03, floor = "0.5 N" }'),
+        table=f"{table}0.1,80,5,0.1,14,\n0.2,80,7.5,9,20,2\n0.3,80,9,1,21,2\n"))  # fmt: skip
+    assert noise_text(study, "sinkage") == "by row, 0.1 to 9"
+    assert noise_text(study, "drawbar_pull", " N") == "by row, 2 N, else 3 %, at least 0.5 N"
+    assert noise_text(study, "load") == "given"

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bayesterra.errors import StudyError
-from bayesterra.study.units import column_header, quantity, text
+from bayesterra.study.units import column_header, factor, quantity, text
 
 
 @pytest.mark.parametrize(
@@ -98,3 +98,14 @@ def test_quantities_are_written_in_field_units() -> None:
         0.8,
     ]
     assert text(float(np.radians(29.3)), "rad") == "29.3 deg"
+
+
+def test_an_angular_speed_has_an_angle() -> None:
+    """1/min would be a sixth of what was meant; turns, degrees and radians count."""
+    for unit, value in (("rpm", np.pi / 30), ("turn/s", 2 * np.pi), ("deg/s", np.pi / 180), ("rad/min", 1 / 60)):
+        assert factor(unit, "rad/s") == pytest.approx(value, rel=1e-12)
+    for unit in ("1/min", "Hz", "1/s"):
+        with pytest.raises(
+            StudyError, match=rf"'{unit}' is not a unit of angular speed \(e\.g\. \"1 rad/s, 10 rpm or 1 turn"
+        ):
+            factor(unit, "rad/s")
