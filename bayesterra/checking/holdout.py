@@ -134,18 +134,12 @@ def _held_out(
         done[number] = outcome
         report(len(done), n, (time.perf_counter() - started) / len(done) * (n - len(done)))
     origin = {
-        "kind": "holdout",
-        "by": by if isinstance(by, str) else "groups given",
+        "kind": "holdout", "by": by if isinstance(by, str) else "groups given",
         **({"tolerance": tolerance} if by == "slip" else {}),
-        **({"basis": study.pooling.left_out} if study.pooling else {}),
-        "seed": seed,
-        "model": study.model.name,
-        "drive": study.drive,
-        "data": study.kind,
-        "fingerprints": study.fingerprint,
-        "settings": {"draws": DRAWS, **settings_of(fit)},
-        "versions": versions(),
-    }
+        **({"basis": study.pooling.left_out} if study.pooling else {}), "seed": seed, "model": study.model.name,
+        "drive": study.drive, "data": study.kind, "fingerprints": study.fingerprint,
+        "settings": {"draws": DRAWS, **settings_of(fit)}, "versions": versions(),
+    }  # fmt: skip
     return Holdout(study, folds, tuple(done[number] for number in range(n)), origin)
 
 

@@ -242,20 +242,12 @@ class Design(AnalysisResult):
         candidate, judgement = self.candidates[index], self.ranking.estimates[index]
         lag, lag_error = self.ranking.behind(index)
         return {
-            "rank": rank,
-            **described(candidate),
-            "gain [bit]": judgement.values[0] / BIT,
-            "gain_error": judgement.errors[0] / BIT,
-            "behind_best [bit]": lag / BIT,
-            "behind_error": lag_error / BIT,
-            "gain_all [bit]": judgement.values[1] / BIT,
-            "gain_all_error": judgement.errors[1] / BIT,
-            **self.deviations(judgement),
-            "no_answer": 1 - judgement.answered,
-            "effective_draws": judgement.effective,
-            "method": self.ranking.method,
-            "chosen": self.picks.count(index),
-        }
+            "rank": rank, **described(candidate), "gain [bit]": judgement.values[0] / BIT,
+            "gain_error": judgement.errors[0] / BIT, "behind_best [bit]": lag / BIT, "behind_error": lag_error / BIT,
+            "gain_all [bit]": judgement.values[1] / BIT, "gain_all_error": judgement.errors[1] / BIT,
+            **self.deviations(judgement), "no_answer": 1 - judgement.answered, "effective_draws": judgement.effective,
+            "method": self.ranking.method, "chosen": self.picks.count(index),
+        }  # fmt: skip
 
     @property
     def plan(self) -> pd.DataFrame:
@@ -293,21 +285,13 @@ class Design(AnalysisResult):
         """Content of the JSON file."""
         study = self.situation.study
         return {
-            "kind": "design",
-            "title": study.title,
-            "bayesterra": version("bayesterra"),
-            "source": self.situation.source,
-            "basis": self.situation.basis,
-            "fingerprints": study.fingerprint,
-            "draws": len(self.situation.draws),
-            "seed": self.seed,
-            "about": list(self.about),
-            "by": self.by,
-            "candidates": len(self.candidates),
-            "method": self.ranking.method,
+            "kind": "design", "title": study.title, "bayesterra": version("bayesterra"),
+            "source": self.situation.source, "basis": self.situation.basis, "fingerprints": study.fingerprint,
+            "draws": len(self.situation.draws), "seed": self.seed, "about": list(self.about), "by": self.by,
+            "candidates": len(self.candidates), "method": self.ranking.method,
             "recommended": [candidate.where for candidate in self.chosen],
             "channels": [list(candidate.channels) for candidate in self.chosen],
-        }
+        }  # fmt: skip
 
 
 def described(candidate: Candidate) -> dict[str, object]:

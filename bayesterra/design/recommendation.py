@@ -67,18 +67,12 @@ class DesignRequest:
             (row.wheel, row.wheels, row.slip.tolist(), row.load.tolist(), row.noise) for row in self.candidates
         ]
         return {
-            "seed": self.seed,
-            "about": list(self.about),
-            "number": self.number,
-            "by": self.by,
-            "source": self.situation.source,
-            **versions(),
-            "plain form {} of studies": FORM,
-            "study": prints["study"],
+            "seed": self.seed, "about": list(self.about), "number": self.number, "by": self.by,
+            "source": self.situation.source, **versions(), "plain form {} of studies": FORM, "study": prints["study"],
             "table of measurements": prints["data"],
             "set of draws": sha256(np.ascontiguousarray(self.situation.draws).tobytes()).hexdigest(),
             "list of candidates": sha256(repr((candidates, str(study.drive))).encode()).hexdigest(),
-        }
+        }  # fmt: skip
 
 
 def design_request(

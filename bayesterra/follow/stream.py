@@ -206,16 +206,10 @@ class Stream(AnalysisResult):
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
         return {
-            "kind": "stream",
-            "title": self.study.title,
-            "bayesterra": version("bayesterra"),
-            **self._settings,
-            "offset": self.offset,
-            "rows": len(self),
-            "log_evidence": self.log_evidence,
-            "log_evidence_error": self.log_evidence_error,
-            "alarm": self.alarm.sentence if self.alarm else None,
-        }
+            "kind": "stream", "title": self.study.title, "bayesterra": version("bayesterra"), **self._settings,
+            "offset": self.offset, "rows": len(self), "log_evidence": self.log_evidence,
+            "log_evidence_error": self.log_evidence_error, "alarm": self.alarm.sentence if self.alarm else None,
+        }  # fmt: skip
 
     def _go_on(self, rows: Observations, folder: Path, offset: int) -> None:
         """Stand where a saved stream stood."""

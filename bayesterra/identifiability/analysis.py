@@ -361,16 +361,10 @@ def foresee(study: Study, *, seed: int = 1) -> Foreseen:
 
 def _record(study: Study, seed: int, seconds: dict[str, float], source: dict[str, Any]) -> dict[str, Any]:
     return {
-        "title": study.title,
-        "kind": study.kind,
-        "model": study.model.name if study.wheels else "",
-        "drive": study.drive if study.wheels else "",
-        "seed": seed,
-        **source,
-        "seconds": seconds,
-        "versions": versions(),
-        "fingerprints": study.fingerprint,
-    }
+        "title": study.title, "kind": study.kind, "model": study.model.name if study.wheels else "",
+        "drive": study.drive if study.wheels else "", "seed": seed, **source, "seconds": seconds,
+        "versions": versions(), "fingerprints": study.fingerprint,
+    }  # fmt: skip
 
 
 def in_field_units(table: pd.DataFrame, columns: Sequence[str], name: str = "parameter") -> pd.DataFrame:

@@ -296,17 +296,10 @@ COLUMNS = (
 def _row(a: str, b: str, after: "_Scored", before: "_Scored") -> dict[str, object]:
     figure, (check, error), prior = after.copula(a, b), after.nearest(a, b), before.copula(a, b)
     return {
-        "first": a,
-        "second": b,
-        "information": figure,
-        "strength": strength(figure),
-        "nearest": check,
-        "nearest_error": error,
-        "disagree": disagree(figure, check, error),
-        "prior_information": prior,
-        "prior_strength": strength(prior),
-        "prior_nearest": before.nearest(a, b)[0],
-    }
+        "first": a, "second": b, "information": figure, "strength": strength(figure), "nearest": check,
+        "nearest_error": error, "disagree": disagree(figure, check, error), "prior_information": prior,
+        "prior_strength": strength(prior), "prior_nearest": before.nearest(a, b)[0],
+    }  # fmt: skip
 
 
 def disagree(figure: float, check: float, error: float) -> bool:

@@ -174,23 +174,13 @@ class Profiles:
 
     def _rows(self, kind: str) -> list[dict[str, object]]:
         moves = self.compensation(kind).to_numpy()
-        return [
-            {
-                "kind": kind,
-                "parameter": profile.name,
-                "class": profile.shape,
-                "lower_95": profile.crossings(95)[0],
-                "lower_68": profile.crossings(68)[0],
-                "best": profile.best,
-                "upper_68": profile.crossings(68)[1],
-                "upper_95": profile.crossings(95)[1],
-                "pieces": profile.pieces,
-                "trust": profile.trust,
-                "failed": int(profile.failed.sum()),
-                "compensated_by": _leading(dict(zip(self.names, moves[i], strict=True)), profile.name),
-            }
-            for i, profile in enumerate(self.found[kind])
-        ]
+        rows = [(profile, profile.crossings(68), profile.crossings(95)) for profile in self.found[kind]]
+        return [{
+            "kind": kind, "parameter": profile.name, "class": profile.shape, "lower_95": wide[0], "lower_68": near[0],
+            "best": profile.best, "upper_68": near[1], "upper_95": wide[1], "pieces": profile.pieces,
+            "trust": profile.trust, "failed": int(profile.failed.sum()),
+            "compensated_by": _leading(dict(zip(self.names, moves[i], strict=True)), profile.name),
+        } for i, (profile, near, wide) in enumerate(rows)]  # fmt: skip
 
 
 COLUMNS = [

@@ -218,19 +218,11 @@ class RoverOutlook(AnalysisResult):
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""
         return {
-            "kind": "rover",
-            "title": self.title,
-            "model": self.model,
-            "bayesterra": version("bayesterra"),
-            "rover": asdict(self.rover),
-            "slope": self.asked.slope[0].tolist(),
-            "tow": self.asked.tow[0].tolist(),
-            "draws": len(self.index),
-            "share_that_cannot": self.cannot.tolist(),
-            "share_without_answer": self.unanswered.tolist(),
-            "marked_above": UNANSWERED,
-            "notes": list(self.notes),
-        }
+            "kind": "rover", "title": self.title, "model": self.model, "bayesterra": version("bayesterra"),
+            "rover": asdict(self.rover), "slope": self.asked.slope[0].tolist(), "tow": self.asked.tow[0].tolist(),
+            "draws": len(self.index), "share_that_cannot": self.cannot.tolist(),
+            "share_without_answer": self.unanswered.tolist(), "marked_above": UNANSWERED, "notes": list(self.notes),
+        }  # fmt: skip
 
 
 def cannot(states: State) -> FloatArray:

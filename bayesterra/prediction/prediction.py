@@ -196,19 +196,12 @@ class Prediction(Predicted):
         readings = quantile_columns(self.readings[:, i, column], outcome.scale, "reading_")
         codes, counts = np.unique(self.reasons[:, i][self.reasons[:, i] != 0], return_counts=True)
         return {
-            "wheel": self.name,
-            "load [N]": self.load,
-            "slip": self.slip[i],
-            "quantity": name,
-            "unit": outcome.unit,
-            **modelled,
-            **readings,
-            "draws": len(self.reasons),
-            "no_answer": int(counts.sum()),
+            "wheel": self.name, "load [N]": self.load, "slip": self.slip[i], "quantity": name, "unit": outcome.unit,
+            **modelled, **readings, "draws": len(self.reasons), "no_answer": int(counts.sum()),
             "marked": bool(self.unanswered[i] > UNANSWERED),
             "reason": REASONS[int(codes[counts.argmax()])] if len(codes) else "",
             "extrapolated": not self.driven[0] <= self.slip[i] <= self.driven[1],
-        }
+        }  # fmt: skip
 
     @property
     def derived_table(self) -> pd.DataFrame:
@@ -292,18 +285,10 @@ def _derived_row(name: str, posterior: FloatArray, prior: FloatArray) -> dict[st
         return {}
     low, high = hdi(after)
     return {
-        "quantity": name,
-        "unit": derived.unit,
-        "median": np.median(after),
-        "mean": after.mean(),
-        "sd": after.std(),
-        "hdi90_lo": low,
-        "hdi90_hi": high,
-        "prior_median": np.median(before),
-        "prior_q05": np.quantile(before, 0.05),
-        "prior_q95": np.quantile(before, 0.95),
-        "no_answer": int(len(posterior) - after.size),
-    }
+        "quantity": name, "unit": derived.unit, "median": np.median(after), "mean": after.mean(), "sd": after.std(),
+        "hdi90_lo": low, "hdi90_hi": high, "prior_median": np.median(before), "prior_q05": np.quantile(before, 0.05),
+        "prior_q95": np.quantile(before, 0.95), "no_answer": int(len(posterior) - after.size),
+    }  # fmt: skip
 
 
 DRAWS = 2000

@@ -108,19 +108,11 @@ def summary_row(
     complete = chains if finite.all() else draws[: len(draws) // 4 * 4].reshape(4, -1)
     errors = {f"mcse_{s}": monte_carlo_error(complete, s) for s in ("mean", "median", "sd")}
     return {
-        "parameter": quantity.name,
-        "unit": quantity.unit,
-        "mode": mode / quantity.scale,
-        "mean": draws.mean(),
-        "median": np.median(draws),
-        "sd": draws.std(),
-        "hdi90_lo": low,
-        "hdi90_hi": high,
-        **errors,
-        **dict(zip(("ess_bulk", "ess_tail", "r_hat"), diagnosis, strict=True)),
-        "prior_mean": prior.mean(),
+        "parameter": quantity.name, "unit": quantity.unit, "mode": mode / quantity.scale, "mean": draws.mean(),
+        "median": np.median(draws), "sd": draws.std(), "hdi90_lo": low, "hdi90_hi": high, **errors,
+        **dict(zip(("ess_bulk", "ess_tail", "r_hat"), diagnosis, strict=True)), "prior_mean": prior.mean(),
         "prior_sd": prior.std(),
-    }
+    }  # fmt: skip
 
 
 STARTS = 8

@@ -425,19 +425,13 @@ def versions() -> dict[str, str]:
 def origin(study: Study, seed: int) -> dict[str, Any]:
     """Origin of a run: its study and what it was run with."""
     return {
-        "title": study.title,
-        "kind": study.kind,
-        "source": study.source,
-        "made": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": versions(),
-        "seed": seed,
-        "notes": [*study.warnings, *study.notes],
-        "machine": f"{platform.system()} {platform.machine()}",
-        "model": study.model.name if study.wheels else "",
-        "drive": study.drive if study.wheels else "",
+        "title": study.title, "kind": study.kind, "source": study.source,
+        "made": datetime.now(UTC).isoformat(timespec="seconds"), "versions": versions(), "seed": seed,
+        "notes": [*study.warnings, *study.notes], "machine": f"{platform.system()} {platform.machine()}",
+        "model": study.model.name if study.wheels else "", "drive": study.drive if study.wheels else "",
         "fingerprints": {**study.fingerprint, "run": digest(identity(study, seed))},
         **({"priors_from": [prior.record() for prior in study.taken]} if study.taken else {}),
-    }
+    }  # fmt: skip
 
 
 def _one_of(names: Collection[str], what: str) -> AfterValidator:
