@@ -299,15 +299,11 @@ def _rows(soils: Mapping[str, FloatArray], slip: float) -> Iterator[dict[str, fl
     for i in range(len(soils["n"])):
         value = {name: float(column[i]) for name, column in soils.items()}
         yield {
-            "Bekker Kphi": value["kphi"],
-            "Bekker Kc": value["kc"],
-            "Bekker n exponent": value["n"] + value["n1"] * slip,
-            "Mohr cohesive limit": value["c"],
-            "Mohr friction limit": float(np.degrees(value["phi"])),
-            "Janosi shear coefficient": value["K"],
-            "Elastic stiffness": max(STIFFEST, 20 * value["kphi"]),
-            "Damping": DAMPING,
-        }
+            "Bekker Kphi": value["kphi"], "Bekker Kc": value["kc"],
+            "Bekker n exponent": value["n"] + value["n1"] * slip, "Mohr cohesive limit": value["c"],
+            "Mohr friction limit": float(np.degrees(value["phi"])), "Janosi shear coefficient": value["K"],
+            "Elastic stiffness": max(STIFFEST, 20 * value["kphi"]), "Damping": DAMPING,
+        }  # fmt: skip
 
 
 def projection(result: Result, slips: Sequence[float] = ()) -> pd.DataFrame:

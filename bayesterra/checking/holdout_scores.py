@@ -113,15 +113,10 @@ def _skill(rows: pd.DataFrame, rng: Generator) -> dict[str, float]:
         resampled = sums[:, chosen].sum(axis=2)
         low, high = np.quantile(1 - resampled[0] / resampled[1], [0.05, 0.95])
     return {
-        "rows": len(rows),
-        "levels": groups,
-        "skill": float(1 - ours.sum() / other.sum()),
-        "skill_lo": float(low),
-        "skill_hi": float(high),
-        "difference": difference,
-        "difference_se": error,
+        "rows": len(rows), "levels": groups, "skill": float(1 - ours.sum() / other.sum()), "skill_lo": float(low),
+        "skill_hi": float(high), "difference": difference, "difference_se": error,
         "levels_won": int((sums[0] < sums[1]).sum()),
-    }
+    }  # fmt: skip
 
 
 _CUTS = np.array([0.001, 0.01, 0.05, 0.15, 0.3, 0.5, 0.7, 0.85, 0.95, 0.99, 0.999])

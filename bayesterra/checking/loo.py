@@ -33,7 +33,7 @@ from bayesterra.stats.mixture import (
 )
 
 FEW_ROWS = 20
-"""Below this number of rows each is left out by a sampling of its own."""
+"""Below this number of rows weights must be as even as a new sampling makes them."""
 DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 500, 1e7
 """Draws that are weighed, so many numbers of all readings at most."""
 START_DRAWS = 1024
@@ -143,7 +143,8 @@ def cross_validate(
     draws : near-independent draws of it (n, d).
     seed : root of the random streams of the refits.
     rests : by level, the likelihood of all other rows.
-    few_rows : below this number of rows each is refitted, and no ``pit`` is computed.
+    few_rows : below this number of rows each is refitted whose weights are not ``EVEN`` with ``EFFECTIVE`` draws, and
+        no ``pit`` is computed.
     """
     x = spaced(draws, min(DRAWS, max(FEWEST_DRAWS, int(NUMBERS / posterior.likelihood.measured.size))))
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
@@ -154,9 +155,9 @@ def cross_validate(
     whole = near.mixture(default_rng(own))
     cases = [_Case(near, whole, x, log_rows, (i,), None) for i in range(m)]
     cases += [_Case(near, whole, x, log_rows, level, None if few else rests[level]) for level in more]
-    limits = np.full(len(cases), EVEN)
-    limits[:m] = pareto_limit(len(x)) if m >= few_rows else -np.inf
-    results = _results(cases, limits.tolist(), streams)
+    limits, least = np.full(len(cases), EVEN), np.full(len(cases), ENOUGH)
+    limits[:m], least[:m] = (pareto_limit(len(x)), 0.0) if m >= few_rows else (EVEN, EFFECTIVE)
+    results = _results(cases, limits, least, streams)
     rows, found = posterior.likelihood.observations.rows, dict(zip(cases, results, strict=True))
     of_rows = CrossValidation(
         tuple(case.left_out(row, found[case]) for row, case in zip(rows, cases[:m], strict=True)),
@@ -182,9 +183,9 @@ def without_levels(
     near, log_rows = PosteriorProposal.of(posterior, x), posterior.log_rows(x)
     own, *streams = seed.spawn(1 + len(levels))
     whole = near.mixture(default_rng(own))
-    limit = EVEN if x.shape[1] <= MANY else np.inf
+    limit, least = (EVEN, ENOUGH) if x.shape[1] <= MANY else (np.inf, 0.0)
     cases = [_Case(near, whole, x, log_rows, level, None) for level in levels]
-    results = _results(cases, [limit] * len(cases), streams, far=False)
+    results = _results(cases, np.full(len(cases), limit), np.full(len(cases), least), streams, far=False)
     return dict(zip(levels, (case.drawn() for case in results), strict=True))
 
 
@@ -256,10 +257,9 @@ class _Case:
         elpd, error = result.estimate()
         return LeftOut(row, elpd, error, self.weighted.k, result is not self.weighted)
 
-    def result(self, limit: float, seed: SeedSequence, *, far: bool = True) -> _Weighted:
+    def result(self, limit: float, least: float, seed: SeedSequence, *, far: bool = True) -> _Weighted:
         """The posterior without the rows; sampled afresh where weights do not do, ``far`` from these draws too."""
-        least = min(ENOUGH, len(self.weighted.x) / 4) if limit <= EVEN else 0.0
-        if self.weighted.k <= limit and self.weighted.effective >= least:
+        if self.weighted.k <= limit and self.weighted.effective >= min(least, len(self.weighted.x) / 4):
             return self.weighted
         rng, refitted, attempts = default_rng(seed), self.weighted, list[_Weighted]()
         for n in FINAL_DRAWS:  # again from where the weights of the last attempt lead
@@ -317,10 +317,10 @@ class _Case:
 
 
 def _results(
-    cases: Sequence[_Case], limits: Sequence[float], streams: Sequence[SeedSequence], *, far: bool = True
+    cases: Sequence[_Case], limits: FloatArray, least: FloatArray, streams: Sequence[SeedSequence], *, far: bool = True
 ) -> list[_Weighted]:
     with threadpool_limits(limits=1), ThreadPoolExecutor(usable_processors()) as pool:
-        return list(pool.map(partial(_Case.result, far=far), cases, limits, streams))
+        return list(pool.map(partial(_Case.result, far=far), cases, limits, least, streams))
 
 
 def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weighted]) -> Pits:

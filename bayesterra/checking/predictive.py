@@ -19,7 +19,7 @@ from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
 from bayesterra.likelihood.condition_errors import load_slopes, told_loads
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
-from bayesterra.likelihood.likelihood import Likelihood
+from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.likelihood.sites import Intervals
 from bayesterra.models import Conditions
@@ -289,7 +289,11 @@ class _Pool:
     outcomes: Outcomes
 
     @classmethod
-    def of(cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator) -> "_Pool":
+    def of(
+        cls, near: PosteriorProposal[Posterior], mixture: ProposalLaw, n: int, rng: Generator,
+        loads: FloatArray | None = None,
+    ) -> "_Pool":  # fmt: skip
+        """``n`` sets; latent loads count to first order about ``loads`` (m,), or about some drawn for each set."""
         posterior, likelihood = near.posterior, near.posterior.likelihood
         if (nodes := likelihood.forward.nodes) is not None and likelihood.squares is not None:
             sets = near.propose(mixture, n, rng)
@@ -298,7 +302,12 @@ class _Pool:
                 kept = np.flatnonzero(told)
                 return cls(posterior, sets.take(kept), None, outcomes.take(kept))
         sets = near.propose(mixture, min(n, likelihood.at_once), rng)
-        outcomes = posterior.explained(sets.x, rng)
+        about = None
+        if loads is not None:
+            about = likelihood.forward.at_load(loads)(posterior.prior.soil_values(sets.x), every_row=True)
+        if about is None or (about.status == 0).mean() < TOLD:
+            about = posterior.explained(sets.x, rng)
+        outcomes = about
         kept = np.flatnonzero(outcomes.status == 0)
         sets, outcomes = sets.take(kept), outcomes.take(kept)
         return cls(posterior, sets, Modelled.of(posterior, sets.x, outcomes), outcomes)
@@ -362,11 +371,15 @@ def _settled(
 ) -> Replicate:
     """The posterior of a table, from the pool or, where too few draws fit it, from around its centre."""
     likelihood = near.posterior.likelihood
-    weights = pool.weights(likelihood, readings)
+    weights, loads = pool.weights(likelihood, readings), None
+    if isinstance(likelihood, LatentLoad) and "normal_force" in likelihood.channels:
+        forces = readings[:, likelihood.channels.index("normal_force")]
+        # to draw loads anew for each set takes an integral each
+        loads = None if np.isnan(forces).any() else np.clip(forces, *likelihood.load_range)
     for _ in range(options.searches):
         if effective_number(weights) >= options.fewest:
             break
-        local = _Pool.of(near, near.shifted(weights @ pool.sets.u), options.local, rng)
+        local = _Pool.of(near, near.shifted(weights @ pool.sets.u), options.local, rng, loads)
         local_weights = local.weights(likelihood, readings)
         if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights

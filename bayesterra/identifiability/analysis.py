@@ -276,23 +276,17 @@ class Identified(AnalysisResult):
         """Everything that was measured; field units, named in a column ``unit`` or a header."""
         analysis = self.found
         return {
-            "verdicts": self.verdicts,
-            "combinations": analysis.combinations,
-            "groups": analysis.information.counts,
-            "directions": analysis.information.directions,
-            "information": analysis.information.parameters,
-            "coupling": analysis.coupling.pairs,
-            "coupling_of_groups": analysis.coupling.between,
-            "profiles": in_field_units(analysis.profiles.table, ENDS),
-            "profile_points": _points(analysis),
+            "verdicts": self.verdicts, "combinations": analysis.combinations, "groups": analysis.information.counts,
+            "directions": analysis.information.directions, "information": analysis.information.parameters,
+            "coupling": analysis.coupling.pairs, "coupling_of_groups": analysis.coupling.between,
+            "profiles": in_field_units(analysis.profiles.table, ENDS), "profile_points": _points(analysis),
             "compensation": analysis.profiles.compensation().rename_axis("profile").reset_index(),
             "local": in_field_units(analysis.spread.table, SPREADS),
             "local_at_best": in_field_units(analysis.best.table, SPREADS),
             "spectrum": pd.DataFrame(analysis.spread.spectra).rename(columns=lambda i: f"eigenvalue_{i + 1}"),
-            "collinearity": analysis.collinearity.table,
-            "importance": analysis.collinearity.importance,
+            "collinearity": analysis.collinearity.table, "importance": analysis.collinearity.importance,
             "structure": analysis.structure.table,
-        }
+        }  # fmt: skip
 
     def to_record(self) -> dict[str, Any]:
         """Content of the JSON file."""

@@ -16,11 +16,12 @@ from bayesterra.arrays import FloatArray, IntArray
 from bayesterra.likelihood.forward import Forward, Outcomes
 from bayesterra.likelihood.sites import stand_in
 from bayesterra.stats.tails import GAUSSIAN
+from bayesterra.study.drive import Drive
 
 STEP = 0.005
 """Step in slip for slopes, both ways: about an error of slip, as models bend at their transition slips."""
-LOAD_STEP = 1e-3
-"""Step for slopes over the load, as a share of it."""
+DEPTH_STEP = 1e-3
+"""Step in sinkage for slopes over the load, as a share of it."""
 LINES = 3
 """Loads at which outcomes are taken for straight lines, each told by the line before."""
 VAGUE = 100.0
@@ -44,19 +45,24 @@ def slip_slopes(
 def load_slopes(
     forward: Forward, soil: FloatArray, channels: Sequence[str], outcomes: Outcomes | None = None
 ) -> FloatArray:
-    """Slopes (n, m, channels) of outcomes over the load of ``forward``, 1/N; see :func:`slip_slopes`."""
-    values = (forward(soil, every_row=True) if outcomes is None else outcomes).of(channels)
-    load = forward.given
-    ends = load * (1 - LOAD_STEP), load * (1 + LOAD_STEP)
-    moved = [(at, forward.at_load(at)(soil, every_row=True).of(channels)) for at in ends]
-    return _slopes(load, values, moved)
+    """Slopes (n, m, channels) of outcomes over the load of ``forward``, 1/N; see :func:`slip_slopes`.
+
+    Of outcomes and load over sinkage, where forces are given without a search for the sinkage.
+    """
+    found = forward(soil, every_row=True) if outcomes is None else outcomes
+    depth, moved = found["sinkage"], []
+    for at in (depth * (1 - DEPTH_STEP), depth * (1 + DEPTH_STEP)):
+        forces = Forward(forward.model, Drive.SINKAGE, forward.conditions, at)(soil, every_row=True)
+        columns = [at if name == "sinkage" else forces[name] for name in channels]
+        moved.append((forces["normal_force"], np.stack(columns, axis=2)))
+    return _slopes(np.broadcast_to(forward.given, depth.shape), found.of(channels), moved)
 
 
 def _slopes(here: FloatArray, values: FloatArray, moved: list[tuple[FloatArray, FloatArray]]) -> FloatArray:
     """Slopes between the two ends that conditions are moved to, as far as these have answers."""
     ends = []
     for at, shifted in moved:
-        answered = np.isfinite(shifted)
+        answered = np.isfinite(shifted) & np.isfinite(at)[..., None]
         ends.append((np.where(answered, shifted, values), np.where(answered, at[..., None], here[..., None])))
     (low, left), (high, right) = ends
     width, slopes = right - left, np.zeros_like(values)

@@ -253,24 +253,15 @@ def _row(states: State, i: int, axle: int, field: str, driven: tuple[float, floa
     codes = states.outcome[:, i]
     slip = quantiles(states.slip[:, i, axle])[2]
     return {
-        "slope [deg]": _degrees(states.slope[0, i]),
-        "tow [N]": states.tow[0, i],
-        "axle": AXLES[axle],
-        "quantity": name,
-        "unit": unit,
-        **quantile_columns(getattr(states, field)[:, i, axle] / scale, 1.0),
-        "draws": len(codes),
-        "cannot": float(cannot(states)[i]),
-        "unanswered": float(unanswered(states)[i]),
-        "pulls_too_little": int((codes == Outcome.CANNOT).sum()),
-        "sinks": int((codes == Outcome.SINKS).sum()),
-        "lifts": int((codes == Outcome.LIFTS).sum()),
-        "no_answer": int((codes == Outcome.NO_ANSWER).sum()),
-        "unsettled": int((codes == Outcome.UNSETTLED).sum()),
-        "rolls": int((codes == Outcome.BRAKES).sum()),
+        "slope [deg]": _degrees(states.slope[0, i]), "tow [N]": states.tow[0, i], "axle": AXLES[axle],
+        "quantity": name, "unit": unit, **quantile_columns(getattr(states, field)[:, i, axle] / scale, 1.0),
+        "draws": len(codes), "cannot": float(cannot(states)[i]), "unanswered": float(unanswered(states)[i]),
+        "pulls_too_little": int((codes == Outcome.CANNOT).sum()), "sinks": int((codes == Outcome.SINKS).sum()),
+        "lifts": int((codes == Outcome.LIFTS).sum()), "no_answer": int((codes == Outcome.NO_ANSWER).sum()),
+        "unsettled": int((codes == Outcome.UNSETTLED).sum()), "rolls": int((codes == Outcome.BRAKES).sum()),
         "marked": bool(cannot(states)[i] + unanswered(states)[i] > UNANSWERED),
         "extrapolated": bool(slip > driven[1]),
-    }
+    }  # fmt: skip
 
 
 SLOPES = (0.0, 5 * DEGREE, 10 * DEGREE, 15 * DEGREE)

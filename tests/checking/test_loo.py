@@ -90,8 +90,9 @@ def weighted(study: Study) -> CrossValidation:
 
 
 @pytest.mark.slow
-def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
-    """With few rows every row is sampled anew, and its elpd is that of the grid within its small error."""
+def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no weights are even enough every row is sampled anew, and its elpd is that of the grid within its error."""
+    monkeypatch.setattr(loo, "EVEN", -np.inf)
     density = posterior(study)
     found = cross_validate(density, draws_of(density), SeedSequence(1), {})[0]
     assert all(row.refitted for row in found.rows)
@@ -108,7 +109,8 @@ def test_new_samplings_agree_with_quadrature(study: Study, grid: Grid) -> None:
 def test_attempts_end_once_enough_draws_are_effective(
     study: Study, monkeypatch: pytest.MonkeyPatch, enough: float
 ) -> None:
-    """With few rows each is sampled anew, three times at most; the draws kept are those of the best attempt."""
+    """Each row is sampled anew, three times at most; the draws kept are those of the best attempt."""
+    monkeypatch.setattr(loo, "EVEN", -np.inf)
     monkeypatch.setattr(loo, "EFFECTIVE", enough)
     monkeypatch.setattr(loo, "FINAL_DRAWS", (4096, 4096, 4096))
     seen, drawn, result = dict[Any, list[Any]](), loo._Case._drawn, loo._Case.result
@@ -149,7 +151,7 @@ def test_of_attempts_that_cannot_be_relied_on_the_most_even_stands(
     x = draws_of(density)
     near = PosteriorProposal.of(density, x)
     case = loo._Case(near, near.mixture(default_rng(1)), x, density.log_rows(x), (4,), None)
-    assert case.result(-np.inf, SeedSequence(1), far=False) is seen[1]
+    assert case.result(-np.inf, 0.0, SeedSequence(1), far=False) is seen[1]
     assert len(seen) == 3
 
 
@@ -179,6 +181,21 @@ def test_weights_do_where_k_allows_and_only_there(weighted: CrossValidation, gri
     assert [row.refitted for row in weighted.rows] == [not row.k <= limit for row in weighted.rows]
     assert {row.refitted for row in weighted.rows} == {True, False}
     np.testing.assert_allclose(weighted.by_row, grid.elpd, atol=0.12)
+
+
+def test_of_few_rows_even_weights_do_and_no_others(study: Study, grid: Grid) -> None:
+    """Those with k̂ up to 0.5 and 1000 effective draws, which is what a new sampling gives; each is right."""
+    density = posterior(study)
+    x = draws_of(density)
+    found = cross_validate(density, x, SeedSequence(1), {})[0]
+    near, rows = PosteriorProposal.of(density, x), density.log_rows(x)
+    weights = [loo._Case(near, near.mixture(default_rng(1)), x, rows, (i,), None).weighted for i in range(6)]
+    even = [each.k <= 0.5 and each.effective >= 1000 for each in weights]
+    assert [row.refitted for row in found.rows] == [not each for each in even]
+    assert {*even} == {True, False}
+    errors = np.array([row.error for row in found.rows])
+    assert (errors < 0.05).all()
+    assert (np.abs(found.by_row - grid.elpd) < 4 * errors + 0.01).all()
 
 
 def test_pit_is_what_the_other_rows_predict(weighted: CrossValidation, grid: Grid) -> None:

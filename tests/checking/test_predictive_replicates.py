@@ -80,12 +80,19 @@ def latent(make_study: MakeStudy, make_table: MakeTable) -> Posterior:
     return posterior(make_study(drive="both", data=table, free=("Ks", "phi"), load_range=[50.0, 110.0]))
 
 
-def test_latent_loads_are_linear_enough(latent: Posterior) -> None:
-    """With latent loads it is the exact one to a tenth, near the readings of any likely replicate."""
+@pytest.mark.parametrize("about", ["drawn", "read"])
+def test_latent_loads_are_linear_enough(about: str, latent: Posterior) -> None:
+    """With latent loads it is the exact one to a tenth, near the readings of any likely replicate.
+
+    About loads that are drawn for each set, and about those that the replicate's normal forces say.
+    """
     x = _likely(latent, 200)
     modelled = Modelled.of(latent, x, latent.explained(x, default_rng(1)))
     likelihood = latent.likelihood
     readings = modelled.mean[3] + modelled.scale[3] * default_rng(2).standard_normal(modelled.mean[3].shape)
+    if about == "read":
+        at = likelihood.forward.at_load(readings[:, likelihood.channels.index("normal_force")])
+        modelled = Modelled.of(latent, x, at(latent.prior.soil_values(x), every_row=True))
     exact = with_readings(latent, readings).log_terms(x).sum(axis=(1, 2))
     difference = modelled.log_likelihood(likelihood, readings) - exact
     assert exact.std() > 0.5

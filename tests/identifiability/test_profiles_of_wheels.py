@@ -95,6 +95,7 @@ def test_random_search_does_not_beat_the_profiles(eight: tuple[Posterior, Profil
     assert beaten_by(density, found, "likelihood", 3) < 0.02
 
 
+@pytest.mark.slow
 def test_the_search_finds_what_a_poor_profile_misses(eight: tuple[Posterior, Profiles]) -> None:
     """The same search gets above a profile that was put 0.5 too low, so that it can tell."""
     density, found = eight

@@ -90,7 +90,7 @@ def test_a_row_is_given_all_others(case: Case) -> None:
         assert rows[0, i] == pytest.approx(whole - others, abs=0.12)
 
 
-@pytest.mark.parametrize("name", [DISCREPANCY, "all"])
+@pytest.mark.parametrize("name", [DISCREPANCY, pytest.param("all", marks=pytest.mark.slow)])
 def test_errors_are_drawn_as_the_limits_allow(name: str) -> None:
     """Mean and spread at every row, against draws given the numbers of which those beyond the limits stay."""
     study = joined("phi", "n0", data=LIMITS, **CASES[name])

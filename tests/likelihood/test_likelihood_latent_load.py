@@ -220,7 +220,7 @@ def test_a_row_is_a_density_of_its_readings() -> None:
     assert total == pytest.approx(without.log_terms(x)[0, 0, 0], abs=1e-3)
 
 
-@pytest.mark.parametrize("model", ["M1", PaperLaw("M1")], ids=["M1", "one's own"])
+@pytest.mark.parametrize("model", ["M1", pytest.param(PaperLaw("M1"), marks=pytest.mark.slow)], ids=["M1", "one's own"])
 def test_drawn_loads_follow_their_conditional_law(integrand: Integrand, model: object) -> None:
     """Loads drawn given soil and readings have the distribution that the integrand says."""
     _, whole, _, soil = settled(latent_study(noise=LOOSE, load_range=(1.0, 100.0), model=model), 1)

@@ -128,6 +128,7 @@ def test_each_move_alone_is_right(one: int, monkeypatch: pytest.MonkeyPatch) -> 
     assert np.abs(found).max() < 4.0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(
     tuple(map(int, emcee.__version__.split(".")[:3])) > (3, 1, 6), reason="the move is mended after emcee 3.1.6"
 )

@@ -36,6 +36,7 @@ def test_modes_are_found_or_the_run_says_so(d: int, width: float, least: int) ->
     assert runs["converged"][runs["found"]].all()
 
 
+@pytest.mark.slow
 def test_a_narrow_mode_is_found_today(script: ModuleType) -> None:
     """One that no ensemble found without steps uphill; and each ensemble's own evidence counts it."""
     run = script.one(6, 0.02, 2)

@@ -18,6 +18,7 @@ def script(study_script: Callable[[str], ModuleType]) -> ModuleType:
     return study_script("design")
 
 
+@pytest.mark.slow
 def test_the_first_addition_is_remade(script: ModuleType) -> None:
     """Replication 0 recommends the same slip and finds about the same ellipse."""
     stored = pd.read_csv(STUDY / "additions.csv").iloc[0]

@@ -41,6 +41,7 @@ def test_fits_are_remade(script: ModuleType) -> None:
         agree(made, stored(name), ["data"], list(made.select_dtypes(float)))
 
 
+@pytest.mark.slow
 def test_the_papers_stiffness_is_remade(script: ModuleType) -> None:
     """By the paper's solver K_s of two wheels is the stored one, and all twelve are within 0.15 kPa of the print."""
     found = script.solver.fits(("Wh22",))

@@ -51,6 +51,7 @@ def test_the_first_rows_come_out_again(script: ModuleType) -> None:
         assert abs(median - middle) < (high - low) / 3
 
 
+@pytest.mark.slow
 def test_a_stored_delay_comes_out_again(script: ModuleType) -> None:
     """Five degrees of friction less are found as soon as stored, to a row; false alarms were rare."""
     delays = pd.read_csv(STORED / "delays.csv")
