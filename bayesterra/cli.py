@@ -274,11 +274,11 @@ def compare(
 @app.command(short_help="Write a result's figures, tables, methods and references for a manuscript.")
 def export(
     result: Annotated[Path, argument("DIR", "A result folder that 'run' wrote.")],
-    figures: Annotated[str, option("F,F", "svg, pdf, png; with no option at all: svg.")] = "",
-    tables: Annotated[str, option("F,F", "latex, csv; with no option at all: csv.")] = "",
+    figures: Annotated[Texts, option("F,F", "svg, pdf, png; with no option at all: svg.")] = None,
+    tables: Annotated[Texts, option("F,F", "latex, csv; with no option at all: csv.")] = None,
     methods: Annotated[bool, flag("--methods", "What was done, in words: methods.txt.")] = False,
     bibtex: Annotated[bool, flag("--bibtex", "What these words cite: references.bib.")] = False,
-    to: Annotated[str, option("F,F", "Draws as csv or json, SI and radians; soils for chrono-scm.")] = "",
+    to: Annotated[Texts, option("F,F", "Draws as csv or json, SI and radians; soils for chrono-scm.")] = None,
     slip: Annotated[Texts, option("S,S", "Slips where chrono-scm takes the exponent; else three driven.")] = None,
     out: Annotated[Path | None, option("FOLDER", "New folder; by default <result>-export.")] = None,
     overwrite: Overwrite = False,
@@ -289,7 +289,7 @@ def export(
     from bayesterra.prediction.prediction import slips_of
 
     texts = {"figures": figures, "tables": tables, "to": to}
-    asked = {name: text.split(",") if text else [] for name, text in texts.items()}
+    asked = {name: ",".join(text).split(",") if text else [] for name, text in texts.items()}
     if not (any(asked.values()) or methods or bibtex):
         asked, methods, bibtex = {"figures": ["svg"], "tables": ["csv"], "to": []}, True, True
     folder = out or Path(f"{result.resolve().name.removesuffix('-result')}-export")

@@ -202,11 +202,13 @@ def _in_words(result: Result, rows: dict[str, SummaryRow]) -> Markup:
 
 def _total(result: Result) -> str:
     """Divergence of the posterior from the cut prior: the mean log likelihood less the log evidence."""
-    evidence, terms = result.record.get("evidence"), result.draws["log_likelihood"]
+    evidence = result.record.get("evidence")
     if evidence is None or not evidence["reliable"]:
         return "an amount of information that this run does not know well"
-    likelihood = sum(np.nansum(values.to_numpy(), axis=-1) for values in terms.data_vars.values())
-    if result.study.errors:  # a row's term is given all other rows
+    if not result.study.errors and not result.study.soil_tests:
+        terms = result.draws["log_likelihood"].data_vars.values()
+        likelihood = sum(np.nansum(values.to_numpy(), axis=-1) for values in terms)
+    else:  # a row's term is given all other rows, soil tests have none
         likelihood = posterior(result.study).log_prior_and_likelihood(spread_draws(result))[1]
     mean, error = float(np.mean(likelihood)), float(np.std(likelihood) / np.sqrt(np.size(likelihood)))
     gain = (mean - evidence["log_z"] + evidence["log_share"]) / BIT

@@ -190,9 +190,12 @@ def log_evidence(result: Result) -> Evidence:
 
 
 def outcomes_of(result: Result) -> str:
-    """SHA-256 of the readings that the likelihood is a density of: channels and values of the rows in use."""
-    rows = result.study.observations.used()
+    """SHA-256 of what the likelihood is a density of: readings and limits of the rows in use, and of soil tests."""
+    rows, tests = result.study.observations.used(), result.study.soil_tests
     content = {name: rows.values[name].tolist() for name in sorted(result.study.noise)}
+    content |= {f"limits of {name}": ends.tolist() for name, ends in sorted(rows.limits.items())}
+    for name, of in sorted((name, test.readings) for name, test in tests.items()):
+        content[f"{of.kind} tests {name}"] = [each.tolist() for each in (of.test, of.path, of.level, of.stress)]
     return sha256(json.dumps(content).encode()).hexdigest()
 
 
@@ -284,10 +287,9 @@ def load_results(folders: Sequence[Path]) -> dict[str, Result]:
     results: dict[str, Result] = {}
     for folder in folders:
         name = folder.resolve().name.removesuffix("-result") or str(folder)
-        same = sum(earlier.partition(" (")[0] == name for earlier in results)
-        results[f"{name} ({same + 1})" if same else name] = (
-            read_pooled(folder) if is_pooled(folder) else read_result(folder)
-        )
+        names = (name, *(f"{name} ({number})" for number in range(2, len(folders) + 2)))
+        free = next(each for each in names if each not in results)
+        results[free] = read_pooled(folder) if is_pooled(folder) else read_result(folder)
     return results
 
 

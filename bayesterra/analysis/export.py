@@ -32,7 +32,7 @@ from bayesterra.report.sections import render
 from bayesterra.runtime.tables import Record, csv_text
 from bayesterra.stats.laws import Law
 from bayesterra.study.drive import Drive
-from bayesterra.study.result import AnalysisResult, Result
+from bayesterra.study.result import SI_UNITS, AnalysisResult, Result
 
 KINDS = {"figures": ("svg", "pdf", "png"), "tables": ("latex", "csv"), "to": ("csv", "json", "chrono-scm")}
 """Options, and the formats that each may name."""
@@ -186,7 +186,7 @@ def _as_json(result: Result) -> str:
     table = result.to_dataframe()
     draws = {name: table[name].tolist() for name in table.columns}
     whole = {name: whole_and_part(name)[0] for name in result.names}
-    units = {name: PARAMETERS[of].dimension or "1" for name, of in whole.items() if of in PARAMETERS}
+    units = {name: SI_UNITS.get(of, PARAMETERS[of].dimension or "1") for name, of in whole.items() if of in PARAMETERS}
     return json.dumps({"title": result.study.title, "kind": result.study.kind, "units": units, "draws": draws}) + "\n"
 
 
@@ -207,7 +207,8 @@ def methods_text(result: Result) -> str:
     text = render(
         {
             "result": result, "study": study, "record": result.record, "scope": scope(study),
-            "readings": sum(int((~np.isnan(rows.values[name])).sum()) for name in study.noise), "rows": len(rows),
+            "readings": sum(int((~np.isnan(rows.values[name])).sum()) for name in study.noise)
+            + sum(len(test.readings) for test in study.soil_tests.values()), "rows": len(rows),
             "noise": "; ".join(
                 f"{CHANNELS[name].symbol} {noise_text(study, name, f' {CHANNELS[name].unit}')}" for name in study.noise
             ),

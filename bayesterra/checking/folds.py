@@ -105,18 +105,22 @@ def _named(study: Study, by: str, tolerance: float) -> list[Fold]:
     if by == "load":
         loads = rows.known_loads
         known = rows.use & (loads > 0)
-        return _clustered("load {:.4g} N", loads, np.log(np.where(known, loads, 1)), known, SAME_LOAD)
+        return _clustered("load {:.{}g} N", 4, loads, np.log(np.where(known, loads, 1)), known, SAME_LOAD)
     if by != "slip":
         raise StudyError(f"'by' must be {', '.join(WAYS)} or groups of rows (got '{by}'){did_you_mean(by, WAYS)}")
-    return _clustered("slip {:.3f}", rows.slip, rows.slip, rows.use, tolerance)
+    return _clustered("slip {:.{}f}", 3, rows.slip, rows.slip, rows.use, tolerance)
 
 
-def _clustered(name: str, values: FloatArray, along: FloatArray, chosen: BoolArray, tolerance: float) -> list[Fold]:
+def _clustered(
+    name: str, digits: int, values: FloatArray, along: FloatArray, chosen: BoolArray, tolerance: float
+) -> list[Fold]:
     """Levels of the chosen rows: clusters ``along`` a scale (m,), named by their mean of ``values`` (m,)."""
     number = np.full(len(values), -1)
     number[chosen] = clusters(along[chosen], tolerance)
     masks = [number == k for k in range(number.max() + 1)]
-    return [Fold(name.format(values[mask].mean()), mask) for mask in masks]
+    tried = ([name.format(values[mask].mean(), digits + more) for mask in masks] for more in range(12))
+    names = next((names for names in tried if len({*names}) == len(names)), [f"level {k}" for k in range(len(masks))])
+    return [Fold(*each) for each in zip(names, masks, strict=True)]
 
 
 def _labelled(study: Study, labels: Sequence[object]) -> list[Fold]:

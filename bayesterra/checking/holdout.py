@@ -144,15 +144,9 @@ def _held_out(
 
 
 def leave_out(
-    what: Study | Result,
-    by: By = "slip",
-    *,
-    tolerance: float = TOLERANCE,
-    seed: int = 1,
-    engine: Engine | None = None,
-    fit: Fit | None = None,
-    progress: Callable[[str], None] = lambda part: None,
-) -> Holdout:
+    what: Study | Result, by: By = "slip", *, tolerance: float = TOLERANCE, seed: int = 1,
+    engine: Engine | None = None, fit: Fit | None = None, progress: Callable[[str], None] = lambda part: None,
+) -> Holdout:  # fmt: skip
     """Leave groups of rows out, one group at a time; fit the others; predict the group and score that.
 
     Of a left-out row its slip, wheel and load stay known, with the drive ``both`` its normal force as it was

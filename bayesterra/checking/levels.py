@@ -135,8 +135,15 @@ def scope(study: Study) -> str:
     return enumerated([*([_driven(study)] if study.wheels else []), *tests])
 
 
+def _read(study: Study) -> Study:
+    """The study with the rows in the fit that have a reading."""
+    rows = study.observations
+    read = [~np.isnan(rows.values[name]) for name in study.noise]
+    return study.with_use(rows.use & np.any(read, axis=0)) if read else study
+
+
 def _driven(study: Study) -> str:
-    rows = study.observations.used()
+    rows = _read(study).observations.used()
     wheels = list(dict.fromkeys(rows.wheel))
     text = f"wheel{'s' if len(wheels) > 1 else ''} {enumerated(wheels)} at {_range('slip', rows.slip, '')}"
     loads = rows.carried[~np.isnan(rows.carried)]
@@ -153,5 +160,5 @@ def untested(study: Study) -> list[str]:
     """A clause on what readings of one level only cannot test."""
     if not study.wheels:
         return ["wheels were not tested"]
-    ones = [by for by in ("slip", "load", "wheel") if len(folds_of(study, by)) < 2]
+    ones = [by for by in ("slip", "load", "wheel") if len(folds_of(_read(study), by)) < 2]
     return [f"other {enumerated([f'{by}s' for by in ones])} were not tested"] if ones else []

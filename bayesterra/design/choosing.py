@@ -314,17 +314,10 @@ def score(judgement: Estimate, by: str, before: FloatArray) -> FloatArray:
 
 
 def choose(
-    situation: Situation,
-    candidates: Sequence[Candidate],
-    about: Sequence[str],
-    *,
-    number: int = 1,
-    by: str = "information",
-    seed: int = 1,
-    engine: Engine | None = None,
-    finished: Mapping[int, Estimate] = MappingProxyType({}),
-    report: Report = lambda estimates, progress: None,
-) -> Design:
+    situation: Situation, candidates: Sequence[Candidate], about: Sequence[str], *, number: int = 1,
+    by: str = "information", seed: int = 1, engine: Engine | None = None,
+    finished: Mapping[int, Estimate] = MappingProxyType({}), report: Report = lambda estimates, progress: None,
+) -> Design:  # fmt: skip
     """Rank candidates by what they tell about some parameters, and choose several rows to drive together.
 
     Rows are chosen one after the other by their joint gain and then exchanged one at a time.

@@ -26,7 +26,7 @@ from bayesterra.runtime.status import job_folder
 from bayesterra.study.canonical import FORM
 from bayesterra.study.result import Result, versions
 from bayesterra.study.study import Study, without_wheels
-from bayesterra.study.wheels import chosen_wheels
+from bayesterra.study.wheels import chosen_wheel, chosen_wheels
 
 TASKS = "candidates"
 DRAWS = 2000
@@ -76,18 +76,10 @@ class DesignRequest:
 
 
 def design_request(
-    study_or_result: Result | Study,
-    *,
-    about: Sequence[str] = (),
-    slips: Sequence[float] = (),
-    loads: Sequence[float | str] = (),
-    wheels: Sequence[str | Wheel] = (),
-    channels: Sequence[str] = (),
-    number: int = 1,
-    by: str = "information",
-    seed: int = 1,
-    group: str | None = None,
-) -> DesignRequest:
+    study_or_result: Result | Study, *, about: Sequence[str] = (), slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (), wheels: Sequence[str | Wheel] = (), channels: Sequence[str] = (),
+    number: int = 1, by: str = "information", seed: int = 1, group: str | None = None,
+) -> DesignRequest:  # fmt: skip
     """Put a question together, and find mistakes before any work; see :func:`recommend`."""
     if by not in CRITERIA:
         raise StudyError(f"'by' must be {' or '.join(CRITERIA)} (got {by!r}){did_you_mean(by, CRITERIA)}")
@@ -113,25 +105,17 @@ def _of_group(result: Result, group: str | None, wheels: Sequence[str | Wheel], 
                 f"say whose drives: 'group' must be one of {', '.join(result.groups)}, or 'wheel' one that"
                 " was not tested"
             )
-        group = next((name for name in result.groups if name == wheels[0]), None)
+        called, _ = chosen_wheel(result.study, wheels[0])
+        group = called if called in result.groups else None
     return result.of_group(group, seed=seed)
 
 
 def recommend(
-    known: Result | Study,
-    *,
-    about: Sequence[str] = (),
-    slips: Sequence[float] = (),
-    loads: Sequence[float | str] = (),
-    wheels: Sequence[str | Wheel] = (),
-    channels: Sequence[str] = (),
-    number: int = 1,
-    by: str = "information",
-    seed: int = 1,
-    engine: Engine | None = None,
-    progress: Callable[[Progress], None] = lambda update: None,
-    group: str | None = None,
-) -> Design:
+    known: Result | Study, *, about: Sequence[str] = (), slips: Sequence[float] = (),
+    loads: Sequence[float | str] = (), wheels: Sequence[str | Wheel] = (), channels: Sequence[str] = (),
+    number: int = 1, by: str = "information", seed: int = 1, engine: Engine | None = None,
+    progress: Callable[[Progress], None] = lambda update: None, group: str | None = None,
+) -> Design:  # fmt: skip
     """Rank rows that could come next by the information that their readings are expected to give.
 
     Parameters

@@ -12,7 +12,6 @@ import pandas as pd
 from bayesterra.errors import BayesterraError, ResultError, StudyError, errors_in
 from bayesterra.follow.rows import Alarm, Update, cells, read_row
 from bayesterra.follow.stream import STATE, Stream, load_stream
-from bayesterra.models import M2L
 from bayesterra.runtime.folders import check_free, write_text
 from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells
@@ -151,27 +150,26 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
         stream = load_stream(what)
         check_sums(what, UPDATES)
         return _gone_on(stream, what / UPDATES)
-    study = load_study(what, prior_only=True, table=first)
-    without_wheels(study, "follow")
     path = what / STUDY_FILE if what.is_dir() else what
     with errors_in(path):
         content = schema.checked(schema.read_toml(path), bare=False)
     stated = {name: getattr(content.data, name) for name in ("slip_reference", "sinkage_reference")}
-    return FollowedStream(Stream(_of_whole_table(study, path, content), **{**stated, **options}))
+    study = _whole(path, content) or load_study(path, prior_only=True, table=first)
+    without_wheels(study, "follow")
+    return FollowedStream(Stream(study, **{**stated, **options}))
 
 
-def _of_whole_table(study: Study, path: Path, content: schema.StudyContent) -> Study:
-    """The study with what the file leaves to its table, the range or the mean of loads, from all rows of that."""
-    told = {"load_range": study.drive.latent_load and content.load_range is None,
-            "mean_load": isinstance(study.model, M2L) and content.model_options.mean_load is None}  # fmt: skip
-    if not any(told.values()):
-        return study
+def _whole(path: Path, content: schema.StudyContent) -> Study | None:
+    """The study on its own table where it leaves to it the range or the mean of loads; None where it does not."""
+    told = {"load_range": content.drive == "both" and content.load_range is None,
+            "mean_load": content.model == "M2L" and content.model_options.mean_load is None}  # fmt: skip
+    if content.data is None or not any(told.values()):
+        return None
     try:
-        whole = load_study(path, prior_only=True)
+        return load_study(path, prior_only=True)
     except StudyError as error:
         keys = " and ".join(f"'{key}'" for key, needed in told.items() if needed)
         raise StudyError(f"{keys} must be given to follow rows, as no whole table tells it ({error})") from error
-    return study.having(model=whole.model, load_range=whole.load_range)
 
 
 def _gone_on(stream: Stream, updates: Path) -> FollowedStream:

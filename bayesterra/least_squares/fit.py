@@ -39,17 +39,11 @@ from bayesterra.study.study import Study, without_wheels
 
 
 def fit(
-    study: Study,
-    methods: Sequence[str] | None = None,
-    *,
-    hold: Mapping[str, float] | None = None,
-    start: Mapping[str, float] | None = None,
-    lower: Mapping[str, float] | None = None,
-    upper: Mapping[str, float] | None = None,
-    delta: float | None = None,
-    solvers: Sequence[str] | None = None,
+    study: Study, methods: Sequence[str] | None = None, *, hold: Mapping[str, float] | None = None,
+    start: Mapping[str, float] | None = None, lower: Mapping[str, float] | None = None,
+    upper: Mapping[str, float] | None = None, delta: float | None = None, solvers: Sequence[str] | None = None,
     known: Mapping[str, Fit] | None = None,
-) -> dict[str, Fit]:
+) -> dict[str, Fit]:  # fmt: skip
     """Identify the soil by least squares.
 
     Parameters

@@ -111,7 +111,8 @@ def _shear(readings: Readings) -> Fitted:
             f"one normal stress: c and φ cannot be separated, c + σ tan φ ="
             f" {strength.mean() / unit.scale:.4g} kPa at σ = {stress[0] / unit.scale:g} kPa"
         )
-        direct = _curve(readings.path, readings.stress)[1]
+        own = readings.level == stress[0]
+        direct = _curve(readings.path[own], readings.stress[own])[1]
         return Fitted({"regression": {"K": middle}, "nonlinear": {"K": direct}}, (note,))
     slope, c = np.polyfit(stress, strength, 1)
     start = {"c": float(c), "phi": float(np.arctan(slope)), "K": middle}

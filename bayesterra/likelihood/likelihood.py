@@ -358,8 +358,10 @@ class LatentLoad(Likelihood):
 
     @cached_property
     def _compiled(self) -> bool:
-        """Whether compiled code knows the model and all laws of noise."""
-        return self.forward.model.compiled and not np.isnan([noise.tails.code for noise in self.noise]).any()
+        """Whether compiled code knows the model and all laws of noise: none is rounded and a fraction as well."""
+        rounded = any(noise.fraction and noise.resolution for noise in self.noise)
+        known = not rounded and not np.isnan([noise.tails.code for noise in self.noise]).any()
+        return self.forward.model.compiled and known
 
     def _levels(self, soil: FloatArray, noise_values: FloatArray, values: FloatArray) -> FloatArray:
         """Log density (n, m) of every row's readings where the model says ``values`` (n, m, 4)."""

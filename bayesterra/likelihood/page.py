@@ -72,7 +72,8 @@ def noise_text(study: Study, name: str, unit: str = "") -> str:
     noise, scale = study.noise[name], CHANNELS[name].scale
     tails = noise.tails.words and f", {noise.tails.words}"
     tails += f", read to {noise.resolution / scale:g}{unit}" if noise.resolution else ""
-    own = study.observations.used().given_sd.get(name, np.full(1, np.nan)) / scale
+    rows = study.observations.used()
+    own = rows.given_sd.get(name, np.full(len(rows), np.nan))[~np.isnan(rows.values[name])] / scale
     by_row = own[~np.isnan(own)]
     if noise.law is not None:
         text = "estimated"

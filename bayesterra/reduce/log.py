@@ -58,7 +58,7 @@ class Log:
         codes = np.array(self.test, dtype=object)
         for name in dict.fromkeys(self.test):
             mine = codes == name
-            yield replace(self, name=name, test=(), values={key: column[mine] for key, column in self.values.items()})
+            yield replace(self, name=name, test=(), values=_read({k: v[mine] for k, v in self.values.items()}))
 
 
 def mean_and_error(samples: FloatArray, blocks: int = 20) -> tuple[float, float]:
@@ -78,8 +78,7 @@ def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: s
         mine = [known_column(str(header), [*LOGGED, "test"])[0] for header in table.columns]
         chosen = table.loc[:, [name in LOGGED or name == "test" for name in mine]]
         columns = named_columns(chosen, _scale, [*LOGGED, "test"])
-        read = {name: column.si() for name, column in columns.items() if name != "test"}
-        values = {name: samples for name, samples in read.items() if not np.isnan(samples).all()}
+        values = _read({name: column.si() for name, column in columns.items() if name != "test"})
         if not values or len(table) < FEWEST:
             got = f"{len(table)} rows of {', '.join(columns) or 'none'}"
             raise StudyError(f"must hold at least {FEWEST} samples of known channels (got {got})")
@@ -91,6 +90,11 @@ def read_log(path: Path, *, kind: Kind = "measured", sheet: str = "", decimal: s
             path.name, values, names, "simulated" if "simulated" in said else kind, headings(table, columns), form, {}
         )
         return _in_order(log)
+
+
+def _read(values: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """The channels that have a reading."""
+    return {name: samples for name, samples in values.items() if not np.isnan(samples).all()}
 
 
 def _with_units(table: pd.DataFrame) -> pd.DataFrame:

@@ -128,7 +128,7 @@ def reduce_logs(
     branches: list[Branch] = []
     names = [path.name for path in paths]
     for path in paths:
-        if paths.count(path) > 1:
+        if [each.resolve() for each in paths].count(path.resolve()) > 1:
             raise StudyError(f"'{path}' is given twice: name it once")
         read = read_log(path, **form)
         with errors_in(path):

@@ -109,8 +109,12 @@ def drive_series(log: Log, settings: Settings) -> dict[str, FloatArray]:
     if "travel_speed" in values:
         series["travel_speed"] = values["travel_speed"]
     elif "position" in values:
-        times, first, back = np.unique(values["time"], return_index=True, return_inverse=True)
-        series["travel_speed"] = np.gradient(values["position"][first], times)[back]
+        there = ~np.isnan(values["position"])
+        times, first, back = np.unique(values["time"][there], return_index=True, return_inverse=True)
+        if len(times) < 2:
+            raise StudyError("'position' has readings at one time only: a drive needs its speed")
+        series["travel_speed"] = np.full(len(there), np.nan)
+        series["travel_speed"][there] = np.gradient(values["position"][there][first], times)[back]
     if "rim_speed" in values:
         series["rim_speed"] = values["rim_speed"]
     elif "wheel_speed" in values:
@@ -119,7 +123,7 @@ def drive_series(log: Log, settings: Settings) -> dict[str, FloatArray]:
         series["rim_speed"] = values["wheel_speed"] * settings.radius
     for name, others in (("travel_speed", "or 'position [m]'"), ("rim_speed", "or 'wheel_speed [rad/s]'")):
         if name not in series:
-            raise StudyError(f"column '{name} [m/s]' {others} is missing: a drive needs it for its slip, (3)")
+            raise StudyError(f"column '{name} [m/s]' {others} is missing or empty: a drive needs it for its slip, (3)")
     return series
 
 

@@ -216,17 +216,21 @@ def _sheet_lines(rows: Iterable[Sequence[Any]], most: int) -> Iterator[list[Any]
             cells.pop()
         _check_cells(cells, count)
         if cells:
-            percents = percents or ["%" in str(title) for title in cells]
+            percents = percents or [_PERCENT.search(str(title)) is not None for title in cells]
             count += 1
             yield cells
         if count > most + 1:
             raise StudyError(f"must have at most {most} rows")
 
 
+_PERCENT, _LITERAL = re.compile(r"%|percent|pct\b", re.IGNORECASE), re.compile(r'"[^"]*"|\\.')
+"""Units of headers that are percents; what a number format shows as it stands."""
+
+
 def _sheet_value(cell: Any, percent: bool) -> Any:
     """Value of a cell of a sheet; where the column is in ``percent``, a cell that shows 10 % says 10."""
     value = cell.value
-    if percent and isinstance(value, float | int) and "%" in (cell.number_format or ""):
+    if percent and isinstance(value, float | int) and "%" in _LITERAL.sub("", cell.number_format or ""):
         return round(100 * value, 12)
     return "" if value is None else str(value) if isinstance(value, date | time) else value
 

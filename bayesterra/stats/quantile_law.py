@@ -116,8 +116,11 @@ class QuantileLaw(Law):
         if factor == 1.0:
             return self
         values = [float(f"{value:.6g}") for value in self.at_score(factor * np.array(self.scores))]
+        below = [self.lower, *values]  # at bounds they meet
+        rising = [i for i, value in enumerate(values) if below[i] < value < self.upper]
+        scores, values = ([column[i] for i in rising] for column in (self.scores, values))
         return QuantileLaw(
-            lower=self.lower, upper=self.upper, source=self.source, scores=self.scores, values=tuple(values)
+            lower=self.lower, upper=self.upper, source=self.source, scores=tuple(scores), values=tuple(values)
         )
 
     def __str__(self) -> str:

@@ -230,6 +230,10 @@ def with_soil_tests(
     named = (*parameters.MODULI, *exponents[:1])
     if not exponents or any(not isinstance(soil.entries.get(name), Law) or name not in read for name in named):
         raise StudyError("[priors] 'reference_sinkage' goes with plate tests whose kc, kphi and n all have laws")
+    if any(name in prior.laws for prior in soil.taken for name in named):
+        raise StudyError(
+            "[priors] 'reference_sinkage' is for stated laws: leave it out where 'from' gives kc, kphi or n"
+        )
     if wheels and exponents[0] != "n0":
         raise StudyError("[priors] 'reference_sinkage' with wheels needs 'tie = { n = \"n0\" }' in [soil_tests]")
     return replace(soil, entries={**soil.entries, **scatter}, reference=stated.reference, exponent=exponents[0])
@@ -302,8 +306,7 @@ def conditioned(observations: Observations, drive: Drive, *, expected: bool = Fa
     notes: list[str] = []
     has_load, has_force = not np.isnan(observations.load).all(), "normal_force" in observations.values
     if not drive.reads_force and has_force and not has_load:
-        exact = {**observations.given_sd, "load": np.full(len(observations), np.nan)}
-        observations = replace(observations, load=observations.values["normal_force"], given_sd=exact)
+        observations = replace(observations, load=observations.values["normal_force"])
         notes.append("no load column: the measured normal force is the load")
     elif not drive.reads_force and has_force:
         notes.append(f"normal_force is not used, as the drive '{drive}' conditions on the load")

@@ -131,7 +131,9 @@ def _sourceless(content: Any) -> Any:
 
 def _rows(rows: Observations) -> pd.DataFrame:
     """All that is known of every row, in SI units, slip on the shearing radius, sinkage from the rim."""
-    measured = {"load": rows.load, **rows.values}
+    forces = rows.values.get("normal_force", np.empty(0))
+    stood_in = "load" not in rows.given_sd and np.array_equal(forces, rows.load, equal_nan=True)  # by the forces
+    measured = rows.values if stood_in else {"load": rows.load, **rows.values}
     columns: dict[str, object] = {"wheel": rows.wheel, **rows.labels, "slip": rows.slip}
     for name, values in measured.items():
         if not np.isnan(values).all():

@@ -392,7 +392,7 @@ def _wheel_names(columns: Mapping[str, Column], length: int, wheels: tuple[str, 
         return wheels * length
     if "wheel" not in columns:
         raise StudyError(f"column 'wheel' is needed with several wheels ({', '.join(wheels)})")
-    names = tuple(str(cell).strip() for cell in columns["wheel"].cells)
+    names = labels(columns["wheel"])
     for row, name in enumerate(names, start=1):
         if name not in wheels:
             raise StudyError(f"unknown wheel '{name}' in row {row}{did_you_mean(name, wheels)}")

@@ -258,7 +258,7 @@ def labelled_dataset(variables: Mapping[str, tuple[tuple[str, ...], Any]], **att
     return dataset.assign_coords(coordinates).assign_attrs(attributes)
 
 
-SI_UNITS = {"phi": "rad", "Ks": "Pa/m^N"}
+SI_UNITS = {"phi": "rad", "Ks": "Pa/m^N", "kc": "Pa m/m^N", "kphi": "Pa/m^N"}
 """Units of draws that their dimension does not say in full."""
 
 

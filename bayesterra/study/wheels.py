@@ -96,7 +96,7 @@ def chosen_wheels(study: Study, wheels: Iterable[str | Wheel | None]) -> dict[st
     for each in wheels:
         name, wheel = chosen_wheel(study, each)
         if chosen.setdefault(name, wheel) != wheel:
-            mend = "ask for one after the other" if isinstance(each, Wheel) else "rename a file"
+            mend = "ask for one after the other" if isinstance(each, Wheel) else "rename one, its file or its table"
             raise StudyError(f"two wheels are called '{name}': {mend}")
     return chosen
 

@@ -2,11 +2,12 @@
 
 from copy import copy
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from bayesterra.analysis.closing_page import added_sections, methods_section
+from bayesterra.analysis.closing_page import _total, added_sections, methods_section
 from bayesterra.analysis.page import data_section, run_overview
 from bayesterra.checking.validation import estimates
 from bayesterra.likelihood.page import prior_sources
@@ -20,6 +21,7 @@ from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.page import law_text
 from bayesterra.study.priors import Prior
 from bayesterra.study.result import Result, summary_rows
+from tests.support.soil_tests import KNOWN, plates
 
 LAW = QuantileLaw(
     lower=0.0,
@@ -130,3 +132,17 @@ def test_a_bent_joint_law_is_named_beside_the_stated_laws(built_upon: Result) ->
     tables = [block for block in data_section(replace(built_upon, study=study)) if isinstance(block, Table)]
     captions = [str(table.caption) for table in tables]
     assert any("joined by a mixture of 2 normal laws of the scores of phi, K" in text for text in captions)
+
+
+def test_the_gain_counts_soil_tests(built_upon: Result) -> None:
+    """Their readings are in the evidence, and so in the mean log likelihood: the gain is that of the whole density."""
+    study = built_upon.study.having(soil_tests=plates(noise=KNOWN).soil_tests)
+    levels = np.full(100, -700.0)
+    whole = SimpleNamespace(log_prior_and_likelihood=lambda x: (levels, levels))
+    entry = {"reliable": True, "log_z": -700.0 - 8.0 * np.log(2.0), "error": 0.01} | dict.fromkeys(
+        ("log_share", "log_share_error"), 0.0
+    )
+    tested = replace(built_upon, study=study, record={**built_upon.record, "evidence": entry})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bayesterra.analysis.closing_page.posterior", lambda study: whole)
+        assert _total(tested).startswith("8.00")

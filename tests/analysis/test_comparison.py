@@ -15,6 +15,7 @@ from bayesterra.prediction.prediction import PREDICTED
 from bayesterra.sampling.evidence import SPREAD
 from bayesterra.study.result import Result
 from tests.support.pages import undrawn
+from tests.support.soil_tests import plates
 
 pytestmark = pytest.mark.usefixtures("little_adaptation")
 
@@ -61,6 +62,26 @@ def test_evidence_compares_for_the_same_readings_only(wide: Result, narrow: Resu
     alike = bt.compare({"a": other, "b": wide, "c": narrow})
     with undrawn():
         assert re.search("Log evidence b .* and c ", alike.page().html())
+
+
+def test_soil_tests_and_limits_are_readings_too(wide: Result) -> None:
+    """A result that also holds plate tests, other plate tests, or limits in place of numbers has other readings."""
+    rows = wide.study.observations
+    ends = np.column_stack([np.full(len(rows), -np.inf), rows.values["sinkage"]])
+    limited = wide.study.with_rows(replace(rows, limits={"sinkage": ends}))
+    tested, other = (wide.study.having(soil_tests=plates(scatter=s).soil_tests) for s in (0.05, 0.04))
+    found = [outcomes_of(replace(wide, study=study)) for study in (wide.study, limited, tested, other)]
+    assert len({*found}) == 4
+
+
+def test_folders_of_one_name_all_have_another_name(wide: Result, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the folders are called, none takes the place of another."""
+    monkeypatch.setattr("bayesterra.analysis.comparison.read_result", lambda folder: folder)
+    monkeypatch.setattr("bayesterra.analysis.comparison.is_pooled", lambda folder: False)
+    folders = [Path(name) for name in ("/x/a (2)", "/y/a", "/z/a", "/z/a-result")]
+    found = load_results(folders)
+    assert [str(result) for result in found.values()] == [str(folder) for folder in folders]
+    assert list(found) == ["a (2)", "a", "a (3)", "a (4)"]
 
 
 @pytest.mark.parametrize(

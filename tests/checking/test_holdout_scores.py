@@ -1,5 +1,7 @@
 """Scores of predictive laws against integration, simulation and published closed forms."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.random import default_rng
@@ -7,6 +9,7 @@ from scipy.integrate import quad
 from scipy.special import beta
 from scipy.stats import norm, t
 
+from bayesterra.checking.folds import folds_of
 from bayesterra.checking.holdout_scores import Mixture
 from bayesterra.stats.tails import GAUSSIAN, StudentT
 
@@ -72,3 +75,11 @@ def test_the_right_law_scores_best() -> None:
         for scale in (0.5, 1.0, 2.0)
     }
     assert min(scores, key=lambda each: scores[each]) == (2.0, 1.0)
+
+
+def test_levels_that_lie_close_have_names_of_their_own(make_study: Any, make_table: Any) -> None:
+    """As many digits as tell them apart: scores are gathered by name."""
+    study = make_study(data=make_table(slips=(0.1001, 0.1004, 0.2, 0.3)), free=("phi",))
+    names = [fold.name for fold in folds_of(study, "slip", tolerance=1e-4)]
+    assert names == ["slip 0.1001", "slip 0.1004", "slip 0.2000", "slip 0.3000"]
+    assert [fold.name for fold in folds_of(study, "slip")] == ["slip 0.100", "slip 0.200", "slip 0.300"]

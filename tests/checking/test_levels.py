@@ -213,3 +213,11 @@ def test_the_scope_of_a_result_is_that_of_its_rows() -> None:
     one = study.with_use(np.arange(6) == 1)
     assert scope(one) == "wheel Wh11 at slip 0.25 under 80 N"
     assert untested(one) == ["other slips, loads and wheels were not tested"]
+
+
+def test_a_row_without_a_reading_is_not_claimed() -> None:
+    """It stretches neither slips nor loads of the sentence, and tests no other load."""
+    silent = {"wheel": "Wh11", "site": "a", "slip": 0.95, "load [N]": 160.0}
+    study = made(pooling=None, data=pd.concat([TABLE, pd.DataFrame([silent])], ignore_index=True))
+    assert scope(study) == scope(made(pooling=None)) == "wheels Wh11 and Wh32 at slips 0.1 to 0.5 under 80 N"
+    assert untested(study) == untested(made(pooling=None))

@@ -1,11 +1,13 @@
 """Usual least-squares practice with soil tests."""
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from bayesterra.least_squares.soil_tests import fit, rows_of_tests
 from bayesterra.study.soil_tests import Readings
-from bayesterra.study.study import Study
-from tests.support.soil_tests import SOIL, STRENGTH, plates, shear
+from bayesterra.study.study import Study, soil_test_study
+from tests.support.soil_tests import SHEAR_PRIORS, SOIL, STRENGTH, plates, shear, shear_table
 
 
 def readings(study: Study) -> Readings:
@@ -36,3 +38,16 @@ def test_rows_are_in_field_units_beside_what_is_known() -> None:
     assert rows[1][1:3] == ("kphi", "kPa/m^N")
     assert rows[1][3] == pytest.approx(900.0, rel=1e-5)
     assert rows[2][3:5] == pytest.approx((1.1, 1.1), rel=1e-6)
+
+
+def test_one_curve_is_fitted_by_its_own_readings() -> None:
+    """A single reading under another stress is no curve, and no part of one."""
+    table = shear_table((10e3,), tests=1)
+    table["shear_stress [Pa]"] = 6e3 * -np.expm1(-table["displacement [m]"] / 0.01)
+    lone = pd.DataFrame([("lone", 40e3, 0.03, 23e3)], columns=table.columns)
+    study = soil_test_study(
+        {"test": "shear", "priors": SHEAR_PRIORS}, table=pd.concat([table, lone], ignore_index=True)
+    )
+    found = fit(readings(study)).values
+    for method in ("regression", "nonlinear"):
+        assert found[method]["K"] == pytest.approx(0.01, rel=1e-4)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -14,6 +15,12 @@ from bayesterra.models import Conditions
 from bayesterra.study.drive import Drive
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(12)
+
+
+class AtLoads(Likelihood):
+    """Rows whose loads are tried; rounding widens their noise, as it does that of rows with latent loads."""
+
+    together: ClassVar[bool] = True
 
 
 def log_integrand(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: int, loads: FloatArray) -> FloatArray:
@@ -30,7 +37,7 @@ def log_integrand(whole: LatentLoad, soil: FloatArray, noise: FloatArray, row: i
         given_sd={name: np.repeat(column, k) for name, column in rows.given_sd.items()},
         limits={name: np.repeat(ends, k, axis=0) for name, ends in rows.limits.items()},
     )
-    density = Likelihood(held, rows, whole.noise).pointwise(outcomes, noise)
+    density = AtLoads(held, rows, whole.noise).pointwise(outcomes, noise)
     return np.where(np.isfinite(outcomes["sinkage"][0]), density[0].sum(axis=1), -np.inf)
 
 

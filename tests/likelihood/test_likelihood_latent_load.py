@@ -46,6 +46,7 @@ LOOSE = {"normal_force": 30.0, "sinkage": 0.05, "drawbar_pull": 10.0, "resistanc
 CASES: Mapping[str, Mapping[str, Any]] = {
     "M1": {},
     "M2": {"model": "M2"},
+    "rounded shares": {"noise": {"drawbar_pull": {"fraction": 0.1, "floor": 0.5, "resolution": 4.0}}, "model": "M2"},
     "M3": {"model": "M3"},
     "wide range": {"load_range": (1.0, 200.0)},
     "narrow range": {"load_range": (24.0, 24.5)},

@@ -123,3 +123,13 @@ def test_impossible_tables_say_why(content: dict[str, tuple[float, ...]], messag
     """Each impossible table is refused in one line."""
     with pytest.raises(StudyError, match=message):
         QuantileLaw(**{"lower": -np.inf, "upper": np.inf, **content})  # type: ignore[arg-type]
+
+
+def test_a_widened_law_may_reach_its_bounds() -> None:
+    """Values that meet there to six digits are one; the law stays inside and rises."""
+    law = QuantileLaw(lower=0.0, upper=1.0, scores=(-2.0, -1.0, 0.0, 1.0, 2.0), values=(0.1, 0.3, 0.5, 0.7, 0.999999))
+    wide = law.widened(1.6)
+    assert len(wide.values) < len(law.values)
+    assert np.all(np.diff(wide.values) > 0)
+    assert wide.range == law.range
+    assert wide.median == pytest.approx(0.5)
