@@ -233,7 +233,10 @@ def test_what_a_study_leaves_to_its_table_comes_from_all_of_it(head: str, key: s
     rows = pd.read_csv(path.parent / "measurements.csv", dtype=str)
     stream, whole = session.begin(path, rows.iloc[[0]]).stream, bt.load_study(path)
     assert (stream.study.load_range, stream.study.model) == (whole.load_range, whole.model)
-    assert session.begin(path.parent, rows.iloc[[0]]).stream.study.model == whole.model
+    bare = rows.iloc[[0]].drop(columns=rows.columns[1]) if key == "load_range" else rows.iloc[[0]]
+    following = session.begin(path.parent, bare)
+    assert following.stream.study.model == whole.model
+    assert following.take(bare, restart=False).update is not None
     (path.parent / "measurements.csv").unlink()
     with pytest.raises(bt.StudyError, match=rf"^'{key}' must be given to follow rows, as no whole table tells it"):
         session.begin(path, rows.iloc[[0]])

@@ -292,7 +292,7 @@ def test_names_of_wheels_are_used_once(wide: Result, tmp_path: Path) -> None:
     with pytest.raises(StudyError, match=r"^'Wh32' is a wheel of the study with other dimensions: give the"):
         bt.predict(wide, 0.2, wheel=tmp_path / "a" / "Wh32.toml")
     files = [str(tmp_path / folder / "wheel.toml") for folder in "ab"]
-    with pytest.raises(StudyError, match=r"^two wheels are called 'wheel': rename a file$"):
+    with pytest.raises(StudyError, match=r"^two wheels are called 'wheel': rename one, its file or its table$"):
         forecast(wide, wheels=files, slips=[0.2])
     with pytest.raises(StudyError, match=r"^two wheels are called 'other wheel': ask for one after the other$"):
         bt.recommend(wide, wheels=[SMALL, replace(SMALL, radius=0.11)])

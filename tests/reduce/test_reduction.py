@@ -259,8 +259,9 @@ def test_logs_of_one_name_stay_apart(write: Callable[..., Path], drive: Simulate
     again = write(plate().assign(test="1"), "second.csv")
     tests = reduce_logs([write(plate().assign(test="1"), "first.csv"), again], plate="100 mm").branches
     assert [branch.test for branch in tests] == ["1", "second.csv 1"]
-    with pytest.raises(StudyError, match=r"second\.csv' is given twice: name it once$"):
-        reduce_logs([again, again], plate="100 mm")
+    for twice in (again, again.parent / "a" / ".." / again.name):
+        with pytest.raises(StudyError, match=r"second\.csv' is given twice: name it once$"):
+            reduce_logs([again, twice], plate="100 mm")
     plain = drive.table.drop(columns="remark")
     logs = [write(drive.table, "b/log.csv"), write(plain, "a/log.csv")]
     kinds = reduce_logs(logs, **WHEEL).tables()["measurements"]["# kind"].tolist()
@@ -288,6 +289,9 @@ def test_channels_without_a_reading_are_left_out(write: Callable[..., Path], dri
     reduction = reduce_logs([empty], zero=zero, **WHEEL)
     assert "drawbar_pull [N]" not in reduction.tables()["measurements"]
     assert "data:image/svg+xml" in reduction.page().html()
+    both = pd.concat([plate().assign(test="A"), plate().assign(test="B", **{"force [N]": np.nan})])
+    with pytest.raises(StudyError, match=r"a plate test needs 'sinkage \[mm\]' and 'force \[N\]'"):
+        of_plate(write(both, "both.csv"))
     full = write(drive.table, "full.csv")
     of = reduce_logs([full], zero=write(drive.table.iloc[:400].assign(**{"load [N]": np.nan}), "z.csv"), **WHEEL)
     assert "drawbar_pull [N]" in of.tables()["measurements"]
@@ -308,5 +312,9 @@ def test_errors_of_awkward_logs_are_numbers_or_left_out(write: Callable[..., Pat
     place = drive.table.copy()
     place["position [m]"] = np.cumsum(place.pop("travel_speed [mm/s]")) / 1e5
     place.loc[1, ["time [s]", "position [m]"]] = place.loc[0, ["time [s]", "position [m]"]]
+    place.loc[place.index % 2 == 1, "position [m]"] = np.nan
     rows = reduce_logs([write(place)], **WHEEL).tables()["measurements"]
     assert_allclose(rows["slip"], [slip for slip, _ in STATES], atol=0.003)
+    place.loc[1:, "position [m]"] = np.nan
+    with pytest.raises(StudyError, match="'position' has readings at one time only"):
+        reduce_logs([write(place)], **WHEEL)

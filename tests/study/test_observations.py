@@ -191,3 +191,6 @@ def test_a_label_that_is_left_out_is_no_group(empty: object) -> None:
     """Whatever stands for an empty cell in a table from Python."""
     with pytest.raises(StudyError, match=r"^'site' must be given in every row \(empty in row 2\)$"):
         labels(Column("site", ["a", empty], 1.0, "site", ""))
+    table = pd.DataFrame({"wheel": ["A", empty], "slip": [0.1, 0.2], "drawbar_pull [N]": [1.0, 2.0]})
+    with pytest.raises(StudyError, match=r"^'wheel' must be given in every row \(empty in row 2\)$"):
+        observations(table, {"A": Wheel(0.1, 0.1), "B": Wheel(0.1, 0.2)}, slip_reference="rim")

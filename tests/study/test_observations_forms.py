@@ -99,19 +99,30 @@ def test_numbers_of_a_workbook_stay_numbers(tmp_path: Path) -> None:
     assert np.isnan(observations(pd.DataFrame({"slip": [0.1]}), {"Wh32": WHEELS["Wh32"]}, slip_reference="rim").load[0])
 
 
-def test_cells_in_percent_say_what_they_show(tmp_path: Path) -> None:
-    """Below a header in %, 10 % is 10; below one without a unit it is 0.1."""
+@pytest.mark.parametrize(
+    ("header", "cells", "form"),
+    [
+        ("slip [%]", (0.1, 0.07, 0.3), "0%"),
+        ("slip [%]", (0.1, 0.07, 0.3), "0.00 %"),
+        ("slip [%]", (10, 7, 30), "General"),
+        ("slip [%]", (10, 7, 30), '0"%"'),
+        ("slip [%]", (10, 7, 30), r"0\%"),
+        ("slip_percent", (0.1, 0.07, 0.3), "0%"),
+        ("slip_pct", (0.1, 0.07, 0.3), "0%"),
+        ("slip [percent]", (0.1, 0.07, 0.3), "0%"),
+        ("slip", (0.1, 0.07, 0.3), "0%"),
+        ("slip", (0.1, 0.07, 0.3), "General"),
+    ],
+)
+def test_cells_in_percent_say_what_they_show(header: str, cells: tuple[float, ...], form: str, tmp_path: Path) -> None:
+    """Below a header in %, 10 % is 10; below one without a unit it is 0.1; a sign that is only shown is none."""
     book = openpyxl.Workbook()
     sheet = book.active
     assert sheet is not None
-    sheet.append(["slip [%]", "drawbar_pull [N]"])
-    for i, slip in enumerate((0.1, 0.07, 30.0)):
+    sheet.append([header, "drawbar_pull [N]"])
+    for i, slip in enumerate(cells):
         sheet.append([slip, 1.0])
-        sheet.cell(i + 2, 1).number_format = "0%" if slip < 1 else "General"
+        sheet.cell(i + 2, 1).number_format = form
     book.save(tmp_path / "t.xlsx")
-    sheet.cell(1, 1).value = "slip"
-    sheet.cell(4, 1).value = 0.3
-    book.save(tmp_path / "u.xlsx")
-    for name in ("t.xlsx", "u.xlsx"):
-        rows = observations(read_table(tmp_path / name), {"Wh32": WHEELS["Wh32"]}, slip_reference="shearing")
-        assert_allclose(rows.slip, [0.1, 0.07, 0.3], rtol=1e-15)
+    rows = observations(read_table(tmp_path / "t.xlsx"), {"Wh32": WHEELS["Wh32"]}, slip_reference="shearing")
+    assert_allclose(rows.slip, [0.1, 0.07, 0.3], rtol=1e-15)

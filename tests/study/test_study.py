@@ -363,3 +363,5 @@ def test_noise_by_row_is_told_as_such(write: Write) -> None:
     assert noise_text(study, "sinkage") == "by row, 0.1 to 9"
     assert noise_text(study, "drawbar_pull", " N") == "by row, 2 N, else 3 %, at least 0.5 N"
     assert noise_text(study, "load") == "given"
+    some = load_study(write(table=f"{table}0.1,80,5,0.1,14,\n0.2,80,,,20,2\n0.3,80,9,1,21,2\n"))
+    assert noise_text(some, "sinkage") == "by row, 0.1 to 1"
