@@ -20,7 +20,7 @@ from bayesterra.stats.quantile_law import QuantileLaw
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 from tests.support.adaptation import HALF, little_adaptation, little_leaving_out
-from tests.support.pages import plain_pages
+from tests.support.pages import plain_pages, undrawn
 from tests.support.shared import Shared
 from tests.support.soil_tests import KNOWN, SOIL, WHEEL, both, plate_table, plates, shear
 
@@ -128,7 +128,8 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     quiet = {"checks": {"levels of tests uniform": 0.3}, "alarm": False}
     loud = {"checks": {"levels of tests uniform": 0.001, "b": 0.4}, "alarm": True}
     alarmed = replace(sound, record={**sound.record, "soil_tests": loud})
-    opening = alarmed.page().html().split("<main>")[1].lstrip()
+    with undrawn():
+        opening = alarmed.page().html().split("<main>")[1].lstrip()
     assert opening.startswith('<p class="quotable bad">Do not use: soil tests are not as the others predict them')
     assert '<p class="warning" role="alert">The model does <b>not fit</b> these readings: Soil tests' in opening
     show(alarmed.overview())
@@ -139,7 +140,8 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     sound = replace(sound, record={**sound.record, "soil_tests": quiet})
     show(sound.overview())
     assert capsys.readouterr().err == ""
-    assert "<b>not fit</b>" not in sound.page().html()
+    with undrawn():
+        assert "<b>not fit</b>" not in sound.page().html()
 
 
 def test_a_result_of_tests_alone_is_a_whole_folder(analysed: Analysed, tmp_path: Path) -> None:

@@ -73,7 +73,8 @@ def test_few_draws_give_no_bias() -> None:
     assert np.mean(found) == pytest.approx(exact, abs=0.03)
 
 
-@pytest.mark.parametrize("about", [("phi",), pytest.param(("phi", "K"), marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("about", [("phi",), ("phi", "K")])
 def test_brute_force_agrees(two_free: Study, about: tuple[str, ...]) -> None:
     """Nested Monte Carlo through M2 finds the same gain, about one parameter and about all."""
     density = posterior(two_free)

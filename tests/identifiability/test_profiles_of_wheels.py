@@ -139,6 +139,7 @@ def test_a_posterior_profile_is_searched_on_its_own() -> None:
     assert found.profile("Ks", "posterior").shape == "two-sided"
 
 
+@pytest.mark.slow
 def test_cohesion_is_flat_where_readings_are_poor() -> None:
     """With forces read to 200 N and 50 N m no cohesion of the range is unlikely: c is flat."""
     noise = {"drawbar_pull": 200.0, "resistance_moment": 50.0, "sinkage": 5e-3}

@@ -97,6 +97,7 @@ def test_the_paper_s_stiffness_comes_back(free: Study) -> None:
     assert "solver" not in report_table({"IM1": found["IM1"]}, free)
 
 
+@pytest.mark.slow
 def test_the_start_is_returned(make: Callable[..., Study]) -> None:
     """From each start the emulation ends near it, the converged solver at one place."""
     starts = fit_from_starts(make(hold={"Ks": 2.499e6})).round(6)

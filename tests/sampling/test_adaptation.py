@@ -152,7 +152,7 @@ def needle(d: int, sd: float) -> Densities:
     return densities
 
 
-@pytest.mark.parametrize(("d", "sd"), [(4, 0.2), (6, 0.35)])
+@pytest.mark.parametrize(("d", "sd"), [(4, 0.2), pytest.param(6, 0.35, marks=pytest.mark.slow)])
 def test_a_peak_too_narrow_for_tempering_is_climbed(d: int, sd: float) -> None:
     """Hardly a draw lies there, and without steps uphill the proposal misses it; with them its evidence counts it."""
     seen, evidence = dict[int, list[float]](), 0.5 * d * np.log(2.0 * np.pi)

@@ -119,7 +119,11 @@ def test_moves_sample_known_targets(make: Callable[[], Target]) -> None:
     assert np.abs(found).max() < 4.0
 
 
-@pytest.mark.parametrize("one", range(3), ids=("independence", "differential evolution", "stretch"))
+@pytest.mark.parametrize(
+    "one",
+    [0, *(pytest.param(one, marks=pytest.mark.slow) for one in (1, 2))],
+    ids=("independence", "differential evolution", "stretch"),
+)
 def test_each_move_alone_is_right(one: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """No move leans on another: each one by itself keeps the moments of the 8-dimensional normal law."""
     monkeypatch.setattr(ensemble, "frozen_moves", lambda mixture: [(frozen_moves(mixture)[one][0], 1.0)])

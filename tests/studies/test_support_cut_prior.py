@@ -145,6 +145,7 @@ def test_sinkage_answers_to_bearing(grouped: Sobol) -> None:
     assert last["resistance_moment [N m]", "P_I"] > last["resistance_moment [N m]", "P_II"] > 0.2
 
 
+@pytest.mark.slow
 def test_first_order_index_is_the_variance_of_a_regression(study: Posterior, grouped: Sobol) -> None:
     """The first-order index of K on F_DP is the variance of bin means over draws, to their errors."""
     single = sobol(study_problem(study, {"K": (5,)}), 16_384, np.random.default_rng(4))
