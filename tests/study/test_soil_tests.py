@@ -1,6 +1,8 @@
 """Soil tests of a study: mistakes in tables and files, what is left out, what parts of a study share."""
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,6 +10,7 @@ import pytest
 
 import bayesterra as bt
 from bayesterra.errors import StudyError
+from bayesterra.study import assembly
 from bayesterra.study.canonical import write_study
 from bayesterra.study.study import load_soil_test, load_study
 from tests.support.soil_tests import PLATE_PRIORS, both, plate_table, plates, shear
@@ -151,6 +154,19 @@ def test_a_sinkage_of_laws_is_that_of_the_wheels_exponent() -> None:
         both(reference=True, priors={"n": PLATE_PRIORS["n"]}, soil_tests={"plates": own})
     with pytest.raises(StudyError, match="goes with plate tests whose kc, kphi and n all have laws"):
         both(reference=True, priors={"n0": 1.1})
+
+
+@pytest.mark.parametrize("name", ["kc", "kphi", "n"])
+def test_a_sinkage_of_laws_is_not_that_of_earlier_draws(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An earlier result's moduli would be read as theirs times z to the n, off by a factor of a hundred at 10 mm."""
+    stated = assembly.with_soil_tests
+
+    def taken(soil: Any, *rest: Any, **more: Any) -> Any:
+        return stated(replace(soil, taken=(SimpleNamespace(laws={name: None}),)), *rest, **more)
+
+    monkeypatch.setattr(assembly, "with_soil_tests", taken)
+    with pytest.raises(StudyError, match=r"'reference_sinkage' is for stated laws: leave it out where 'from' gives kc"):
+        plates()
 
 
 def test_parameters_are_shared_by_name_and_tie() -> None:
