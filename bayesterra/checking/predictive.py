@@ -19,7 +19,7 @@ from bayesterra.arrays import FloatArray, IntArray, answered_quantiles
 from bayesterra.likelihood.condition_errors import load_slopes, told_loads
 from bayesterra.likelihood.covariance import TableLaw
 from bayesterra.likelihood.forward import Forward, Outcomes
-from bayesterra.likelihood.likelihood import LatentLoad, Likelihood
+from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior, likelihood_of
 from bayesterra.likelihood.sites import Intervals
 from bayesterra.models import Conditions
@@ -371,11 +371,7 @@ def _settled(
 ) -> Replicate:
     """The posterior of a table, from the pool or, where too few draws fit it, from around its centre."""
     likelihood = near.posterior.likelihood
-    weights, loads = pool.weights(likelihood, readings), None
-    if isinstance(likelihood, LatentLoad) and "normal_force" in likelihood.channels:
-        forces = readings[:, likelihood.channels.index("normal_force")]
-        # to draw loads anew for each set takes an integral each
-        loads = None if np.isnan(forces).any() else np.clip(forces, *likelihood.load_range)
+    weights, loads = pool.weights(likelihood, readings), likelihood.loads_near(readings)
     for _ in range(options.searches):
         if effective_number(weights) >= options.fewest:
             break

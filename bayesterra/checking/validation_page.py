@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from bayesterra.arrays import BoolArray, FloatArray
 from bayesterra.checking import predictive_checks, validation
 from bayesterra.checking.levels import counts
-from bayesterra.checking.loo import FEW_ROWS, INDISTINCT, CrossValidation
+from bayesterra.checking.loo import DRAWS, EFFECTIVE, EVEN, FEW_ROWS, INDISTINCT, CrossValidation
 from bayesterra.checking.predictive_checks import ALARM, CONFLICT, DOUBT, PAIR, Check, PredictiveChecks, PriorCheck
 from bayesterra.checking.validation import Missed, Stretch, Validation, fit_verdict, missed
 from bayesterra.likelihood.page import estimated_noise
@@ -106,7 +106,7 @@ def _rows(result: Result, loo: CrossValidation) -> Table:
          rounded(before - row.elpd, 0.01), f"{row.k:.2f}", "new sampling" if row.refitted else "weights")
         for row, before in zip(loo.rows, loo.full, strict=True)
     )  # fmt: skip
-    return say.table("rows", rows, pareto_limit(4000), FEW_ROWS)
+    return say.table("rows", rows, pareto_limit(DRAWS), FEW_ROWS, EVEN, EFFECTIVE)
 
 
 def _pit(result: Result, loo: CrossValidation) -> Blocks:

@@ -16,6 +16,8 @@ from bayesterra.runtime.folders import check_free, write_text
 from bayesterra.runtime.reading import check_sums, damage
 from bayesterra.runtime.tables import csv_text, read_csv, rows_of_cells
 from bayesterra.study import schema
+from bayesterra.study.assembly import LOAD_EFFECT_MODEL
+from bayesterra.study.drive import Drive
 from bayesterra.study.observations import Observations
 from bayesterra.study.result import AnalysisResult, Result
 from bayesterra.study.study import STUDY_FILE, Study, load_study, without_wheels
@@ -161,8 +163,8 @@ def begin(what: Path | Result, first: pd.DataFrame, **settings: Any) -> Followed
 
 def _whole(path: Path, content: schema.StudyContent) -> Study | None:
     """The study on its own table where it leaves to it the range or the mean of loads; None where it does not."""
-    told = {"load_range": content.drive == "both" and content.load_range is None,
-            "mean_load": content.model == "M2L" and content.model_options.mean_load is None}  # fmt: skip
+    told = {"load_range": Drive(content.drive).latent_load and content.load_range is None,
+            "mean_load": content.model == LOAD_EFFECT_MODEL and content.model_options.mean_load is None}  # fmt: skip
     if content.data is None or not any(told.values()):
         return None
     try:

@@ -194,6 +194,10 @@ class Likelihood:
         """Outcomes behind the readings, row by row; nothing is random where the load is known."""
         return self.forward(soil, every_row=True)
 
+    def loads_near(self, readings: FloatArray) -> FloatArray | None:
+        """Loads (m,), N, near those that readings (m, channels) tell; None where they tell none or loads are known."""
+        return None
+
     def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes row by row before any reading; as :meth:`explained` where the load is known."""
         return self.forward(soil, every_row=True)
@@ -334,6 +338,13 @@ class LatentLoad(Likelihood):
     def explained(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes at loads drawn given soil, noise and the readings of each row."""
         return self.forward.at_load(self.loads(soil, noise_values, rng))(soil, every_row=True)
+
+    def loads_near(self, readings: FloatArray) -> FloatArray | None:
+        """The normal forces (m,), N, within the range; None where a row has none: each set's own takes an integral."""
+        if "normal_force" not in self.channels:
+            return None
+        forces = readings[:, self.channels.index("normal_force")]
+        return None if np.isnan(forces).any() else np.clip(forces, *self.load_range)
 
     def imagined(self, soil: FloatArray, noise_values: FloatArray, rng: Generator) -> Outcomes:
         """Outcomes at loads drawn from their flat prior."""

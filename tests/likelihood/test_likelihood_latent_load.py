@@ -271,6 +271,19 @@ def test_a_soil_that_carries_no_load_of_the_range_has_no_likelihood() -> None:
     assert np.isneginf(whole.log_likelihood(soft, np.empty((1, 0))))[0]
 
 
+def test_loads_near_readings_are_their_normal_forces() -> None:
+    """Within the range; none where a row has no force, or the study knows no noise of it."""
+    _, whole, _, _ = settled(latent_study(load_range=(22.0, 26.0)), 1)
+    column = whole.channels.index("normal_force")
+    readings = np.zeros((3, len(whole.channels)))
+    readings[:, column] = [20.0, 24.0, 30.0]
+    np.testing.assert_array_equal(whole.loads_near(readings), [22.0, 24.0, 26.0])
+    readings[1, column] = NONE
+    assert whole.loads_near(readings) is None
+    without = replace(whole, noise=tuple(noise for noise in whole.noise if noise.channel != "normal_force"))
+    assert without.loads_near(np.zeros((3, 3))) is None
+
+
 def test_default_range_reaches_six_deviations_beyond_the_forces() -> None:
     """Without a load_range, the flat prior covers the forces and six sd of their noise, and says so."""
     study = latent_study()
