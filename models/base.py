@@ -1,7 +1,7 @@
 """Common parts of the models of Ding et al. 2015: checks, broadcasting, and the way to the compiled kernels."""
 
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import ClassVar, Literal
 
@@ -171,12 +171,14 @@ class WheelSoilModel(ForwardModel):
         values, status = batch.response(sets, rows, given[:, None], self._plan(paired=True))
         return values[:, 0], status[:, 0]
 
-    def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
-        """Exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, p + 1), sinkage last."""
+    def jacobian_at(
+        self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike, only: Sequence[int] | None = None
+    ) -> FloatArray:
+        """Exact d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, p + 1), sinkage last; see :class:`ForwardModel`."""
         from bayesterra.models import batch
 
-        plan = self._plan(every_row=True)
-        return batch.jacobian(batch.parameters(theta, len(self.parameters)), self._rows(conditions), sinkage, plan)
+        sets, plan = batch.parameters(theta, len(self.parameters)), self._plan(every_row=True)
+        return batch.jacobian(sets, self._rows(conditions), sinkage, plan, only)
 
     def response_jacobian_at(self, theta: ArrayLike, conditions: Conditions, load: ArrayLike) -> FloatArray:
         """Exact d(z, F_DP, M_DR)/d theta at constant load, (n, m, 3, p)."""

@@ -1,6 +1,7 @@
 """Arrays in, arrays out: the numerical interface of the models, on flat parameter sets and rows."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -48,9 +49,12 @@ def response(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -
     return run(drivers.response, theta, rows, load, plan, (3,))
 
 
-def jacobian(theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan) -> FloatArray:
-    """d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, p + 1)."""
-    return run(drivers.jacobian, theta, rows, sinkage, plan, (3, theta.shape[1] + 1))[0]
+def jacobian(
+    theta: FloatArray, rows: FloatArray, sinkage: ArrayLike, plan: Plan, only: Sequence[int] | None = None
+) -> FloatArray:
+    """d(F_N, F_DP, M_DR)/d(theta, sinkage) (n, m, 3, p + 1); with `only`, columns of others may be 0."""
+    kernel = partial(drivers.jacobian, drivers.directions_of(only))
+    return run(kernel, theta, rows, sinkage, plan, (3, theta.shape[1] + 1))[0]
 
 
 def response_jacobian(theta: FloatArray, rows: FloatArray, load: ArrayLike, plan: Plan) -> FloatArray:

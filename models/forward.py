@@ -1,7 +1,7 @@
 """The interface of a forward model: what a study asks of one."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -100,8 +100,13 @@ class ForwardModel(ABC):
         """
 
     @abstractmethod
-    def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
-        """d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, p + 1), sinkage last."""
+    def jacobian_at(
+        self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike, only: Sequence[int] | None = None
+    ) -> FloatArray:
+        """d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, p + 1), sinkage last.
+
+        With `only`, some columns among the parameters', those of others may be 0.
+        """
 
     def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:
         """Derivatives (n, m, 3, k) of a response under `load`, without what the solve leaves of 0."""

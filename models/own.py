@@ -171,7 +171,9 @@ class OwnModel(ForwardModel):
         """See :class:`ForwardModel`."""
         return self._response(self._columns(theta), conditions, np.asarray(load, dtype=np.float64))
 
-    def jacobian_at(self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike) -> FloatArray:
+    def jacobian_at(
+        self, theta: ArrayLike, conditions: Conditions, sinkage: ArrayLike, only: Sequence[int] | None = None
+    ) -> FloatArray:
         """See :class:`ForwardModel`; the law's own ``slopes``, or central differences good to some 1e-9."""
         columns = self._columns(theta)[:, :, None]
         shape = _shape(columns, conditions)

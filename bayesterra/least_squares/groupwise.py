@@ -120,6 +120,7 @@ class ForceCurve:
 
     model: ClippedModel  # M1 at the rows
     column: int  # index of the force in ``FORCES``
+    group: str  # ``P_I``, ``P_II`` or ``P_III``, whose parameters its derivatives are by
     shearless: bool = False  # with τ = 0: F_N is then F_Nσ alone, which the first pass fits
 
     def values(self, theta: FloatArray) -> FloatArray:
@@ -127,8 +128,9 @@ class ForceCurve:
         return self.model.values(self._seen(theta))[:, self.column]
 
     def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Derivatives (m, 9)."""
-        return self.model.jacobian(self._seen(theta))[:, self.column]
+        """Derivatives (m, 9); those by parameters of other groups may be 0."""
+        own = [SOIL_PARAMETERS.index(name) for name in GROUPS[self.group]]
+        return self.model.jacobian(self._seen(theta), own)[:, self.column]
 
     def _seen(self, theta: FloatArray) -> FloatArray:
         if not self.shearless:
@@ -143,7 +145,7 @@ def integral_steps(readings: Readings, model: M1) -> list[Step]:
     clipped = ClippedModel(Forward(model, Drive.SINKAGE, readings.conditions, readings.sinkage))
     fitted = {"P_I": "normal_force", "P_II": "resistance_moment", "P_III": "drawbar_pull"}
     return [
-        _step(readings, group, channel, ForceCurve(clipped, FORCES.index(channel)), (channel,))
+        _step(readings, group, channel, ForceCurve(clipped, FORCES.index(channel), group), (channel,))
         for group, channel in fitted.items()
     ]
 

@@ -197,25 +197,21 @@ class ClippedModel:
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Outcomes (m, 3) for parameters (p,); NaN where no sinkage carries the load."""
+        return self._by_group(theta, self._clipped(theta).theta, (self.forward.width,),
+            lambda part, row: np.asarray(part.answers(row, part.conditions, part.given)[0][0]))  # fmt: skip
 
-        def run(part: Forward, row: FloatArray) -> FloatArray:
-            return np.asarray(part.answers(row, part.conditions, part.given)[0][0])
-
-        return self._by_group(theta, self._clipped(theta).theta, run, (self.forward.width,))
-
-    def jacobian(self, theta: FloatArray) -> FloatArray:
-        """Exact derivatives (m, 3, k) of the outcomes."""
-
-        def run(part: Forward, row: FloatArray) -> FloatArray:
-            return part.slopes(row, part.conditions, part.given)[1][0, :, :, : row.shape[1]]
-
+    def jacobian(self, theta: FloatArray, only: Sequence[int] | None = None) -> FloatArray:
+        """Exact derivatives (m, 3, k) of the outcomes; those by others than ``only`` may be 0."""
         clipped = self._clipped(theta)
-        return chain(self._by_group(theta, clipped.theta, run, (self.forward.width, len(theta))), clipped)
+        return chain(self._by_group(
+            theta, clipped.theta, (self.forward.width, len(theta)),
+            lambda part, row: part.slopes(row, part.conditions, part.given, only)[1][0, :, :, : row.shape[1]],
+        ), clipped)  # fmt: skip
 
     def _clipped(self, theta: FloatArray) -> Clip:
         return clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters)
 
-    def _by_group(self, theta: FloatArray, rows: FloatArray, run: _Run, shape: tuple[int, ...]) -> FloatArray:
+    def _by_group(self, theta: FloatArray, rows: FloatArray, shape: tuple[int, ...], run: _Run) -> FloatArray:
         """Run the rows that share parameters together: those that are not clipped have ``theta``."""
         if np.all(rows == rows[0]):
             return run(self.forward, rows[:1])

@@ -344,15 +344,17 @@ class Forward:
         run = self.model.forces_at if self.drive.by_sinkage else self.model.response_at
         return run(theta, rows, given, every_row=every_row)
 
-    def slopes(self, theta: FloatArray, rows: Conditions, given: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same answers, and their derivatives by its parameters and by what is given.
+    def slopes(
+        self, theta: FloatArray, rows: Conditions, given: FloatArray, only: Sequence[int] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
+        """The same answers, and their derivatives by its parameters, or ``only`` some of them, and by what is given.
 
         Under a load, z(θ, W) follows from F_N(z, θ) = W by the implicit function theorem.
         """
         values, _ = self.answers(theta, rows, given, every_row=True)
-        slopes = self.model.jacobian_at(theta, rows, given if self.drive.by_sinkage else values[..., SINKAGE])
         if self.drive.by_sinkage:
-            return values, slopes
+            return values, self.model.jacobian_at(theta, rows, given, only)
+        slopes = self.model.jacobian_at(theta, rows, values[..., SINKAGE])
         by_sinkage = slopes[..., -1:].copy()
         sinkage = np.concatenate([-slopes[..., _FORCE, :-1], np.ones_like(by_sinkage[..., _FORCE, :])], axis=-1)
         sinkage /= by_sinkage[..., _FORCE, :]

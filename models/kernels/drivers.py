@@ -3,6 +3,8 @@
 A pair's result does not depend on its neighbours: lanes never mix, and the rule follows from the pair alone.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from bayesterra.models.checks import FloatArray
@@ -151,40 +153,70 @@ def _settle(trays: Lanes, how: tuple[Kind, int, int], place: Whole, out: FloatAr
             status[i, j] = LOAD
 
 
+_DIRECTIONS = np.array((at.KS, at.N0, at.C, at.PHI, at.K, at.C1, at.C3, at.Z))
+_COLUMNS = (0, 1, 3, 4, 5, 6, 8, -1)  # of the derivatives by them
+_ALSO = {2: 1, 7: 6}  # n1 and c2 act only through n0 + n1 s and c1 + c2 s
+
+
+def directions_of(columns: Sequence[int] | None) -> Whole:
+    """Complex steps (k,) that derivatives in some columns need, -1 being the sinkage; all of them for None."""
+    wanted = None if columns is None else {_ALSO.get(column, column) for column in columns}
+    return np.array([i for i, column in enumerate(_COLUMNS) if wanted is None or column in wanted], dtype=np.int64)
+
+
 @compiled
 def jacobian(
-    theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: Plan, out: FloatArray, status: Codes
-) -> None:
-    """Fill `out` (n, m, 3, 10) with derivatives by the nine parameters and the sinkage; NaN as in `forces`.
+    directions: Whole, theta: FloatArray, rows: FloatArray, sinkage: FloatArray, plan: Plan, out: FloatArray,
+    status: Codes,
+) -> None:  # fmt: skip
+    """Fill `out` (n, m, 3, 10) with derivatives by nine parameters and the sinkage; NaN as in `forces`.
 
-    Eight complex steps side by side; n1 and c2 act only through n0 + n1 s and c1 + c2 s. The four further
-    parameters of M2L stand before the sinkage, (n, m, 3, 14).
+    Complex steps in `directions` (k,), eight side by side; columns of others are 0. The four further parameters of M2L
+    stand before the sinkage, (n, m, 3, 14).
     """
     screen(theta, rows, plan, status)
     screen_sinkage(rows, sinkage, plan, status)
-    ws = np.zeros(at.SIZE, np.complex128)
+    trays, filled = np.zeros((RULES + 1, at.SIZE), np.complex128), np.zeros(RULES, np.int64)
+    place = np.zeros((RULES, at.LANES, 3), np.int64)
     for i in range(status.shape[0]):
         for j in range(status.shape[1]):
+            out[i, j, :, :] = 0.0 if status[i, j] == OK else np.nan
             if status[i, j] != OK:
-                out[i, j, :, :] = np.nan
                 continue
             row = rows[j + i * plan[1]]
-            load_lane(ws, 0, plan[0], theta[i], row, sinkage[i, j])
-            pad(ws, 1)
-            for lane, q in enumerate((at.KS, at.N0, at.C, at.PHI, at.K, at.C1, at.C3, at.Z)):
-                ws[q + lane] += 1j * _STEP
-            evaluate(ws, plan[0], _rule(plan[0], theta[i], row, sinkage[i, j]))
-            if _has_none(ws, plan[0], 0):
-                out[i, j, :, :] = np.nan
-                status[i, j] = NORMAL_FORCE
-                continue
-            for lane, column in enumerate((0, 1, 3, 4, 5, 6, 8, out.shape[3] - 1)):
-                for f in range(3):
-                    out[i, j, f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
-            for f in range(3):
-                out[i, j, f, 2] = out[i, j, f, 1] * row[1]
-                out[i, j, f, 7] = out[i, j, f, 6] * row[0]
-            _by_effects(ws, plan[0], theta[i], row, sinkage[i, j], out[i, j])
+            which = _rule(plan[0], theta[i], row, sinkage[i, j])
+            _by_effects(trays[RULES], plan[0], theta[i], row, sinkage[i, j], out[i, j])
+            for direction in directions:
+                lane = filled[which]
+                load_lane(trays[which], lane, plan[0], theta[i], row, sinkage[i, j])
+                trays[which, _DIRECTIONS[direction] + lane] += 1j * _STEP
+                place[which, lane, 0], place[which, lane, 1], place[which, lane, 2] = i, j, direction
+                filled[which] = lane + 1
+                if filled[which] == at.LANES:
+                    _differentiate(trays[which], (plan[0], which, at.LANES), place[which], out, status)
+                    filled[which] = 0
+    for which in range(RULES):
+        if filled[which] > 0:
+            pad(trays[which], filled[which])
+            _differentiate(trays[which], (plan[0], which, filled[which]), place[which], out, status)
+
+
+@called
+def _differentiate(ws: Lanes, how: tuple[Kind, int, int], place: Whole, out: FloatArray, status: Codes) -> None:
+    """Evaluate a tray of complex steps, `how` = (model, rule, lanes filled), and scatter the derivatives."""
+    evaluate(ws, how[0], how[1])
+    for lane in range(how[2]):
+        i, j, column = place[lane, 0], place[lane, 1], _COLUMNS[place[lane, 2]]
+        if _has_none(ws, how[0], lane):
+            out[i, j, :, :] = np.nan
+            status[i, j] = NORMAL_FORCE
+            continue
+        for f in range(3):
+            out[i, j, f, column] = ws[at.RESULTS + f * at.LANES + lane].imag / _STEP
+            if column == 1:
+                out[i, j, f, 2] = out[i, j, f, 1] * ws[at.EXPONENT_SLIP + lane].real
+            elif column == 6:
+                out[i, j, f, 7] = out[i, j, f, 6] * ws[at.SLIP + lane].real
 
 
 @called

@@ -80,6 +80,20 @@ def test_jacobian_equals_central_differences(model: WheelSoilModel, cloud: Float
         np.testing.assert_allclose(jacobian[..., column] / scale[:, column], slope / scale[:, column], atol=2e-7)
 
 
+@ALL
+@pytest.mark.parametrize("only", [(1, 2), (7,), (0, 3, 4, 5), ()])
+def test_some_columns_of_the_jacobian_are_those_of_all(
+    model: WheelSoilModel, cloud: FloatArray, conditions: Conditions, only: tuple[int, ...]
+) -> None:
+    """To the last bit, where pairs of several rules and two without an answer stand side by side; others may be 0."""
+    depth = np.array([0.01, 0.015, 0.5, 0.03])
+    whole, some = model.jacobian_at(cloud, conditions, depth), model.jacobian_at(cloud, conditions, depth, only)
+    np.testing.assert_array_equal(some[..., list(only)], whole[..., list(only)])
+    np.testing.assert_array_equal(np.isnan(some), np.isnan(whole))
+    assert not np.nan_to_num(some[..., 8:]).any()
+    assert np.isnan(whole).any()
+
+
 def test_jacobian_of_closed_forms_is_exact(
     g1: Soil, wheels: dict[str, Wheel], conditions: Conditions, extended: Callable[..., FloatArray],
     box_pairs: Draw,
