@@ -225,14 +225,9 @@ def _missed(points: Sequence[tuple[FloatArray, FloatArray]], proposal: Proposal)
 
 
 def refine(
-    proposal: Proposal,
-    u: FloatArray,
-    widths: FloatArray,
-    densities: Densities,
-    options: AdaptationOptions,
-    rng: Generator,
-    watch: Callable[[str], None] = lambda step: None,
-) -> tuple[Proposal, float, float, int]:
+    proposal: Proposal, u: FloatArray, widths: FloatArray, densities: Densities, options: AdaptationOptions,
+    rng: Generator, watch: Callable[[str], None] = lambda step: None,
+) -> tuple[Proposal, float, float, int]:  # fmt: skip
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
@@ -312,16 +307,9 @@ THIN = 0.25
 
 
 def add_components(
-    proposal: Proposal,
-    u: FloatArray,
-    level: FloatArray,
-    log_target: Callable[[FloatArray], FloatArray],
-    rng: Generator,
-    *,
-    components: int,
-    draws: int,
-    peaks: tuple[FloatArray, FloatArray] | None = None,
-) -> Proposal:
+    proposal: Proposal, u: FloatArray, level: FloatArray, log_target: Callable[[FloatArray], FloatArray],
+    rng: Generator, *, components: int, draws: int, peaks: tuple[FloatArray, FloatArray] | None = None,
+) -> Proposal:  # fmt: skip
     """Add components to a proposal where its importance weights are greatest.
 
     Parameters

@@ -169,15 +169,9 @@ class JointFamily:
 
 
 def _sliced(
-    shared: FloatArray,
-    column: int,
-    at: int,
-    values: FloatArray,
-    law: Law,
-    limits: tuple[float, float],
-    tied: Callable[[FloatArray, FloatArray], FloatArray] | None,
-    chance: FloatArray,
-) -> FloatArray:
+    shared: FloatArray, column: int, at: int, values: FloatArray, law: Law, limits: tuple[float, float],
+    tied: Callable[[FloatArray, FloatArray], FloatArray] | None, chance: FloatArray,
+) -> FloatArray:  # fmt: skip
     """One slice step (Neal 2003) of a mean or spread in its probability scale; ``tied``: what correlations add.
 
     ``chance`` (1 + TRIES, n): numbers between 0 and 1, of the level and of each try.

@@ -119,16 +119,9 @@ LEAST, MOST = 1e-250, 1000
 
 @compiled
 def weigh(
-    points: FloatArray,
-    inverse: FloatArray,
-    offsets: FloatArray,
-    parts: FloatArray,
-    dof: float,
-    twice: int,
-    distances: FloatArray,
-    terms: FloatArray,
-    totals: FloatArray,
-) -> None:
+    points: FloatArray, inverse: FloatArray, offsets: FloatArray, parts: FloatArray, dof: float, twice: int,
+    distances: FloatArray, terms: FloatArray, totals: FloatArray,
+) -> None:  # fmt: skip
     """Fill ``distances`` (n, k) with squared lengths of L⁻¹ u − offset for points (n, d), ``terms`` with t laws.
 
     These are parts / (1 + distance / dof)^(twice / 2), products alone, and ``totals`` (n,) are their sums; where
@@ -235,16 +228,9 @@ class StudentMixture:
 
 
 def fit_mixture(
-    u: FloatArray,
-    weights: FloatArray,
-    components: int,
-    rng: Generator,
-    *,
-    dof: float = 4.0,
-    steps: int = 25,
-    gain: float = 1e-3,
-    floor: float | None = None,
-) -> StudentMixture:
+    u: FloatArray, weights: FloatArray, components: int, rng: Generator, *, dof: float = 4.0, steps: int = 25,
+    gain: float = 1e-3, floor: float | None = None,
+) -> StudentMixture:  # fmt: skip
     """Fit a mixture to weighted points by expectation–maximisation (t laws: Liu and Rubin 1995).
 
     Parameters

@@ -14,15 +14,9 @@ from bayesterra.stats.mixture import RandomSource, StudentMixture, fit_mixture, 
 
 @compiled
 def move(
-    points: FloatArray,
-    order: IntArray,
-    coefficients: FloatArray,
-    spreads: FloatArray,
-    limits: tuple[float, float],
-    inverse: bool,
-    out: FloatArray,
-    log_jacobian: FloatArray,
-) -> None:
+    points: FloatArray, order: IntArray, coefficients: FloatArray, spreads: FloatArray, limits: tuple[float, float],
+    inverse: bool, out: FloatArray, log_jacobian: FloatArray,
+) -> None:  # fmt: skip
     """Fill ``out`` (n, d) with points (n, d) moved by the map, and ``log_jacobian`` (n,) with log |dz/dv|.
 
     Bent z_j = g_j + exp(h_j) v_j, with polynomials g_j and linear h_j of the bent coordinates before j: these
