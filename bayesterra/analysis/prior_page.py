@@ -12,7 +12,7 @@ from bayesterra.likelihood.correlated import TYPICAL
 from bayesterra.likelihood.forward import reference_load
 from bayesterra.likelihood.page import conditions, prior_sources, slip_note, stated_law, support
 from bayesterra.likelihood.posterior import posterior
-from bayesterra.parameters import CHANNELS, DERIVED, PARAMETERS, field_values
+from bayesterra.parameters import CHANNELS, DERIVED, MODULI, PARAMETERS, field_values
 from bayesterra.report.blocks import Blocks, Cell, Gallery, Overview, Table, Text, drawing
 from bayesterra.report.figures import INK, PRIOR, fan, label, own_axes, styled
 from bayesterra.report.numbers import NOTHING, estimate, given, interval, moments, plain, share
@@ -168,14 +168,15 @@ BINS = 40
 
 @styled
 def prior_density(result: PriorResult, name: str, ax: Axes | None = None) -> Axes:
-    """Draw one parameter's prior: grey what physics leaves of it, line the law as stated."""
+    """Draw one parameter's prior: grey what physics leaves of it, line the law as stated, where it is about that."""
     ax = own_axes(ax, 2.6, 1.7)
     values = result.column(name)
     ax.hist(values, bins=BINS, density=True, color=PRIOR, alpha=0.55, linewidth=0)
     grid = np.linspace(values.min(), values.max(), 200)
     scale = PARAMETERS[name].scale
-    stated = np.exp(result.study.prior.laws[name].log_density(grid * scale)) * scale
-    ax.plot(grid, stated, color=INK, linewidth=1.0)
+    if not (result.study.prior.stretched and name in MODULI):
+        stated = np.exp(result.study.prior.laws[name].log_density(grid * scale)) * scale
+        ax.plot(grid, stated, color=INK, linewidth=1.0)
     ax.set(xlabel=label(PARAMETERS[name]), yticks=[], ylim=(0, None))
     ax.spines["left"].set_visible(False)
     return ax

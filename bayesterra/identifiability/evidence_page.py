@@ -117,7 +117,8 @@ def combinations(result: Result, ax: Axes | None = None) -> Axes:
     ax = own_axes(ax, 5.4, 0.34 * len(result.names) + 1.0)
     laws = [result.study.prior.laws[name] for name in result.names]
     ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
-    basis = identifiability(result.names, ranges, result.values("prior"), result.values(), logs=logs)
+    prior, draws = (result.study.prior.stated(result.values(group)) for group in ("prior", ""))
+    basis = identifiability(result.names, ranges, prior, draws, logs=logs)
     rows = basis.directions.T
     weights = rows / rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)][:, None]
     ax.pcolormesh(weights, cmap="PuOr_r", vmin=-1.7, vmax=1.7, edgecolors=GRID, linewidth=0.4)

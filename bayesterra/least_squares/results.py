@@ -11,7 +11,7 @@ import pandas as pd
 from bayesterra.arrays import FloatArray
 from bayesterra.likelihood.posterior import INSIDE, REASONS, Posterior
 from bayesterra.models import Soil
-from bayesterra.parameters import CHANNELS, HELD, MODEL_PARAMETERS, PARAMETERS, PRIOR_PARAMETERS
+from bayesterra.parameters import CHANNELS, HELD, MODEL_PARAMETERS, MODULI, PARAMETERS, PRIOR_PARAMETERS
 from bayesterra.study.study import Study
 
 if TYPE_CHECKING:
@@ -271,7 +271,7 @@ def _standing(
 def _at_edge(posterior: Posterior, name: str, value: float) -> bool:
     """True where a value lies within a thousandth of the prior's range (98 % range if infinite) of an end."""
     law = posterior.prior.laws[name]
-    low, high = law.range
+    low, high = (-np.inf, np.inf) if posterior.prior.stretched and name in MODULI else law.range
     width = high - low if np.isfinite(high - low) else float(np.ptp(law.quantile(np.array([0.01, 0.99]))))
     return bool(min(abs(value - low), abs(value - high)) < 1e-3 * width)
 

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayesterra.arrays import FloatArray
-from bayesterra.parameters import PARAMETERS, Parameter
+from bayesterra.parameters import MODULI, PARAMETERS, Parameter
 from bayesterra.report.blocks import Text
 from bayesterra.report.figures import MARKS, POSTERIOR, PRIOR, TAIL, Axis, density
 from bayesterra.report.numbers import given, interval, plain, resolution, rounded
@@ -35,9 +35,11 @@ def axis(result: Result, name: str) -> Axis:
 
     It is widened where the posterior reaches beyond that.
     """
-    law, scale = result.study.prior.laws[name], PARAMETERS[name].scale
-    tails = law.quantile(np.array([TAIL, 1.0 - TAIL])) / scale
-    return axis_of(law, (law.range[0] / scale, law.range[1] / scale), tails, result.column(name))
+    prior, scale, ends = result.study.prior, PARAMETERS[name].scale, np.array([TAIL, 1.0 - TAIL])
+    law = prior.laws[name]
+    if prior.stretched and name in MODULI:  # whose laws are about something else
+        return axis_of(law, (-np.inf, np.inf), np.quantile(result.column(name, "prior"), ends), result.column(name))
+    return axis_of(law, (law.range[0] / scale, law.range[1] / scale), law.quantile(ends) / scale, result.column(name))
 
 
 def axis_of(law: Law, ends: tuple[float, float], tails: FloatArray, draws: FloatArray) -> Axis:

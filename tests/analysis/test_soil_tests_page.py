@@ -14,9 +14,14 @@ from scipy.stats import spearmanr
 import bayesterra as bt
 from bayesterra.__main__ import main
 from bayesterra.analysis import inference
+from bayesterra.analysis.figures import _limits as corner_limits
+from bayesterra.analysis.figures import corner
 from bayesterra.errors import ResultError
+from bayesterra.identifiability.evidence_page import combinations
+from bayesterra.parameters import PARAMETERS
 from bayesterra.report.terminal import show
 from bayesterra.stats.quantile_law import QuantileLaw
+from bayesterra.study.page import axis
 from bayesterra.study.result import Result
 from bayesterra.study.study import Study
 from tests.support.adaptation import HALF, little_adaptation, little_leaving_out
@@ -48,6 +53,23 @@ def analysed(shared: Shared) -> Analysed:
             return bt.run(made[kind](), seed=1)
 
     return lambda kind: shared(f"soil test, {kind}", lambda: result(kind))
+
+
+def test_moduli_at_a_sinkage_are_drawn_where_they_are(analysed: Analysed) -> None:
+    """Their laws are about parts of a pressure: axes, panels and combinations take the moduli themselves."""
+    result = analysed("plates")
+    for name in ("kc", "kphi"):
+        along, prior, draws = axis(result, name), result.column(name, "prior"), result.column(name)
+        assert (np.quantile(prior, [0.01, 0.99]) >= along.low).all()
+        assert (np.quantile(prior, [0.01, 0.99]) <= along.high).all()
+        assert along.low <= draws.min() < draws.max() <= along.high
+    assert axis(result, "n").bounds == result.study.prior.laws["n"].range
+    for low, high in corner_limits(result, result.values() / [PARAMETERS[name].scale for name in result.names]):
+        assert low < high
+    assert corner(result).patches or corner(result).artists
+    drawn = [text.get_text() for text in combinations(result).get_yticklabels()]
+    record = result.record["directions"]
+    assert drawn == [f"{share:.2f}" for share in np.clip(record["contractions"], 0.0, 1.0)]
 
 
 def words(result: Result) -> dict[str, str]:

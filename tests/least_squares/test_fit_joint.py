@@ -20,6 +20,7 @@ from bayesterra.models import Soil
 from bayesterra.models.decoupled import MARGIN
 from bayesterra.parameters import soil_array
 from bayesterra.study.study import Study
+from tests.support.soil_tests import SOIL, WHEEL, both
 
 MakeStudy = Callable[..., Study]
 MakeTable = Callable[..., pd.DataFrame]
@@ -220,3 +221,13 @@ def test_many_rows_are_searched_by_few_residuals_of_the_same_sum(
         assert np.sum(few**2) == pytest.approx(np.sum(every**2), rel=1e-7)
         slopes, of_few = misfit.jacobian(theta).T @ every, told.jacobian(theta).T @ few
         np.testing.assert_allclose(of_few, slopes, rtol=1e-5, atol=1e-6 * np.abs(slopes).max())
+
+
+def test_stiffness_of_moduli_at_a_sinkage_is_that_of_the_soil() -> None:
+    """Their laws are about k z^n at 10 mm: the range of K_s covers them over all exponents."""
+    study = both(reference=True)
+    settings = joint_settings(study, Overrides())
+    exponents = study.prior.laws["n0"].range
+    stiffest = (1e3 / WHEEL.width + 50e3) * 0.01 ** -exponents[1]
+    assert settings.upper[0] == pytest.approx(stiffest)
+    assert settings.lower[0] < SOIL["kc"] / WHEEL.width + SOIL["kphi"] < settings.upper[0]
