@@ -315,8 +315,9 @@ def conditioned(observations: Observations, drive: Drive, *, expected: bool = Fa
         values = {**observations.values, "normal_force": observations.load}
         observations = replace(observations, values=values, given_sd={**observations.given_sd, "normal_force": sd})
         notes.append("no normal_force column: the load is the measured normal force")
-    elif drive.latent_load and has_load:
-        notes.append(f"load is not used, as the drive '{drive}' infers it from the readings")
+    elif drive.reads_force and has_load:
+        why = "infers it from the readings" if drive.latent_load else "conditions on the sinkage"
+        notes.append(f"load is not used, as the drive '{drive}' {why}")
     if not drive.reads_force and not np.isnan(observations.given_sd.get("load", np.nan)).all():
         notes.append(f"load_sd is not used, as the drive '{drive}' takes loads as exact")
     if not drive.latent_load:

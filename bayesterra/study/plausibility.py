@@ -1,6 +1,6 @@
 """Readings that no wheel makes, and noise that repeats contradict, found before they pass for a soil."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -137,6 +137,14 @@ def _repeated(rows: Observations) -> Iterator[str]:
         if len(slip) >= FEW and np.ptp(slip) > SPAN and np.nanmax(values) == np.nanmin(values):
             value = f"{np.nanmax(values) / CHANNELS[name].scale:g} {CHANNELS[name].unit}"
             yield f"{name} is {value} in every row: was the column filled in?"
+
+
+def silent(rows: Observations, channels: Iterable[str]) -> Iterator[str]:
+    """A note on rows in use without a reading of these channels."""
+    used = rows.used()
+    none = np.all([np.isnan(_read(used, name)) for name in channels], axis=0) & np.ones(len(used), np.bool_)
+    if none.any():
+        yield f"no reading in {_named(used, none)}: nothing is learned from there"
 
 
 def _read(rows: Observations, name: str) -> FloatArray:

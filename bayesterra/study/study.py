@@ -21,7 +21,7 @@ from bayesterra.study.model_errors import ModelErrors, check_groups
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations, observations, read_table
 from bayesterra.study.own import allowing_code, own_model
-from bayesterra.study.plausibility import Repeats, implausible, repeats
+from bayesterra.study.plausibility import Repeats, implausible, repeats, silent
 from bayesterra.study.priors import Prior
 from bayesterra.study.schema import LeastSquaresOptions, Reference, SamplingOptions
 from bayesterra.study.soil_tests import SoilTest, soil_test
@@ -355,7 +355,7 @@ def _parts(data: pd.DataFrame | None, content: schema.StudyContent, *, expected:
         errors, error_notes = assembly.errors_of_outcomes(errors, noise, rows, drive)
         rows, limit_notes = assembly.check_limits(rows, noise, drive)
         loads, load_notes = assembly.load_range(rows, noise, content.load_range, drive)
-        notes += [*noise_notes, *error_notes, *limit_notes, *load_notes]
+        notes += [*noise_notes, *error_notes, *limit_notes, *load_notes, *([] if expected else silent(rows, noise))]
     reads = tuple(name for name in model.parameters if name not in LOAD_EFFECT)
     prior = assembly.full_prior(soil, noise, errors, wheels, reads)
     pooling = None if content.pooling is None else content.pooling.checked(prior.laws)

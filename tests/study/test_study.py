@@ -191,6 +191,24 @@ def test_the_sinkage_drive_conditions_on_sinkage() -> None:
     assert "noise of sinkage is not used, as the drive 'sinkage' conditions on it" in study.notes
 
 
+def test_a_load_beside_a_normal_force_is_not_used_with_the_sinkage_drive() -> None:
+    """And that is noted, as it is with the drive ``both``."""
+    forces = {"normal_force [N]": [79.0, 81.0]}
+    study = made(forces, drive="sinkage", noise={"normal_force": "2 N"})
+    assert_allclose(study.observations.values["normal_force"], [79.0, 81.0])
+    assert "load is not used, as the drive 'sinkage' conditions on the sinkage" in study.notes
+    both = made(forces, drive="both", noise={"normal_force": "2 N", "sinkage": "1 mm"})
+    assert "load is not used, as the drive 'both' infers it from the readings" in both.notes
+
+
+def test_a_row_in_use_without_a_reading_is_noted() -> None:
+    """Not one that is out of use, nor rows of a plan."""
+    note = "no reading in row 2: nothing is learned from there"
+    assert note in made({"sinkage [mm]": [5.0, None]}).notes
+    assert note not in made({"sinkage [mm]": [5.0, None], "use": [1, 0]}).notes
+    assert not any("no reading" in text for text in made().notes)
+
+
 def test_outcomes_without_a_reading_in_use_are_no_outcomes() -> None:
     """A column that is empty in all rows in use needs no noise."""
     assert tuple(made({"drawbar_pull [N]": [None, None]}).noise) == ("sinkage",)
