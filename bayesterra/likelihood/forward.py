@@ -266,6 +266,16 @@ class Forward:
             values[~told], outcomes.status[~told] = rest.values, rest.status
         return outcomes
 
+    def status(self, soil: FloatArray) -> IntArray:
+        """Status (n,) of the same outcomes, which are worked out where they are needed for it only."""
+        if self.nodes is None:
+            return self.exact(soil).status
+        told = self.at_nodes(self.nodes, soil)[1]
+        status = np.zeros(len(soil), dtype=np.int64)
+        if not told.all():
+            status[~told] = self.finer.status(soil[~told])
+        return status
+
     def exact(self, soil: FloatArray, *, every_row: bool = False) -> Outcomes:
         """The same where the model is run at every row."""
         inputs = self.given - offset_of(soil) if self.drive.by_sinkage and self.as_read else self.given

@@ -62,7 +62,7 @@ class Likelihood:
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer."""
-        return in_parts(lambda part: self.forward(part).status, self.at_once, soil)
+        return in_parts(self.forward.status, self.at_once, soil)
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log density (n, m, terms) of every row's readings; −inf where the model has no answer."""
@@ -321,7 +321,7 @@ class LatentLoad(Likelihood):
 
     def status(self, soil: FloatArray) -> IntArray:
         """Status (n,) of soil arrays; 0 where every row has an answer for the lowest load of the range."""
-        return self.forward.at_load(self.load_range[0])(soil).status
+        return self.forward.at_load(self.load_range[0]).status(soil)
 
     def log_terms(self, soil: FloatArray, noise_values: FloatArray) -> FloatArray:
         """Log likelihood (n, m, 1) of every row's readings together; −inf where the model has no answer."""
