@@ -105,7 +105,7 @@ class ForwardModel(ABC):
     ) -> FloatArray:
         """d(F_N, F_DP, M_DR)/d(theta, sinkage), (n, m, 3, p + 1), sinkage last.
 
-        With `only`, some columns among the parameters', those of others may be 0.
+        With `only`, some columns (-1 is the sinkage's), those of others may be 0.
         """
 
     def known_under(self, load: ArrayLike, slopes: FloatArray) -> FloatArray:

@@ -109,7 +109,7 @@ def _conditions(result: PriorResult) -> Blocks:
 
 def _prior_section(result: PriorResult) -> Blocks:
     rows = {row["parameter"]: row for row in result.summary.to_dict("records")}
-    entries = result.study.prior.entries
+    entries = (prior := result.study.prior).entries
     body = tuple(
         (symbol(name), angles(PARAMETERS[name].description), stated_law(name, entries[name]),
          *_numbers(rows.get(name)))
@@ -119,7 +119,7 @@ def _prior_section(result: PriorResult) -> Blocks:
         drawing(prior_density(result, name), f"Prior of {PARAMETERS[name].description}") for name in result.names
     )
     return (
-        say.table("laws", body),
+        say.table("laws", body, f"{1e3 * prior.reference:g}" if prior.stretched else ""),
         *prior_sources(result.study),
         Text(support(result.record["prior_support"])),
         Gallery("tiny", pictures, say("densities")),

@@ -119,7 +119,8 @@ def analyse(
     informed = timed("information", lambda: information(posterior, prior, draws, informing))
     laws = posterior.prior.laws.values()
     ranges, logs = [law.range for law in laws], np.array([law.logarithmic for law in laws])
-    basis = identifiability(posterior.names, ranges, prior, draws, np.isin(posterior.names, seen.determined), logs)
+    stated, structural = posterior.prior.stated, np.isin(posterior.names, seen.determined)
+    basis = identifiability(posterior.names, ranges, stated(prior), stated(draws), structural, logs)
     table = basis.table.assign(cut_contraction=informed.parameters["cut_contraction"])
     counts = informed.counts[informed.counts["view"] == MARGINAL].reset_index(drop=True)
     return Analysis(

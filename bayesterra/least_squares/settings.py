@@ -161,9 +161,8 @@ def _stiffness(study: Study) -> tuple[float, float, float]:
         raise StudyError("joint knows one K_s only, so with 'kc' and 'kphi' all wheels must have one width")
     kc, kphi = (_ends(study.prior.entries[study.prior.root(name)]) for name in MODULI)
     low, middle, high = (a / study.prior.width + b for a, b in zip(kc, kphi, strict=True))
-    if (prior := study.prior).stretched:
-        exponents = np.array(_ends(prior.entries[prior.root(prior.exponent)]))
-        low, middle, high = np.array([low, middle, high]) * np.sort(prior.reference**-exponents)
+    if study.prior.stretched:
+        low, middle, high = np.array([low, middle, high]) * study.prior.stretches
     low = max(low, 1e-6 * (high if np.isfinite(high) else abs(middle)))  # laws without ends have no ranges
     return low, max(middle, low), high
 

@@ -31,8 +31,8 @@ FEWEST, MORE = 6, 12
 LAST, SMALL, FINE = 2, 1e-5, 1e-7
 """Coefficients at the end that must be small; as a share of radius (sinkage), load (drawbar pull) or both (moment).
 
-What is left out is far smaller: 1e-6 of usual noise on a posterior, 1e-3 at worst over the paper's box. Of finer nodes
-they must be smaller: at a kink coefficients fall slowly, and what is left out is as great as they are."""
+What is left out of a row is far smaller: 1e-6 of usual noise on a posterior, 1e-3 at worst over the paper's box. Of
+finer nodes they must be smaller: at a kink coefficients fall slowly, and what is left out is as great as they are."""
 ROUGH = (3, 10, 1e-2)
 """The three where proposals are made: outcomes of most soils are right to 1e-3 of usual noise."""
 
@@ -67,7 +67,7 @@ class Nodes:
             return None
         at = np.repeat(first, [len(slip) for slip, _, _ in parts])
         columns = {name: getattr(rows, name)[at] for name in names} | {"slip": np.concatenate([p[0] for p in parts])}
-        small = (ROUGH[-1], SMALL)[times] if times < 2 else FINE
+        small = {0: ROUGH[-1], 1: SMALL}.get(times, FINE)
         sizes = [np.outer((rows.radius[i], load[i], load[i] * rows.radius[i]), np.full(tails.shape[1], small))
                  for i, (_, _, tails) in zip(first, parts, strict=True)]  # fmt: skip
         spread = block_diag(*(part[1] for part in parts))[:, np.argsort(np.concatenate(mine))]

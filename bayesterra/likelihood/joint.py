@@ -374,6 +374,10 @@ class JointPrior:
         shared, own = ([self.joint.laws[n] for n in names] for names in (self.joint.shared, self.joint.local))
         return dict(zip(self.joint.names, shared + hyper + own * len(self.joint.groups), strict=True))
 
+    def stated(self, x: FloatArray) -> FloatArray:
+        """What the laws are about: the parameter sets (n, all) themselves."""
+        return x
+
     def sample(self, n: int, rng: Generator) -> FloatArray:
         """Draw parameter sets (n, all)."""
         return self.quantile(rng.random((n, len(self.joint.names))))

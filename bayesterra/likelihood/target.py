@@ -254,8 +254,7 @@ def _ends(name: str, law: Law, posterior: Posterior) -> tuple[float, float]:
     if base not in ("Ks", "K"):  # these are taken by their logarithms
         low, high = max(low, physical[0]), min(high, physical[1])
     if prior.stretched and name in MODULI:  # over the range of n
-        stretches = prior.reference ** -np.array(prior.laws[prior.exponent].range)
-        return float((low * stretches).min()), float((high * stretches).max())
+        return float((low * prior.stretches).min()), float((high * prior.stretches).max())
     return (low, min(high, np.pi / 2 - MARGIN)) if base == "phi" else (low, high)
 
 

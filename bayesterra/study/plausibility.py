@@ -144,7 +144,7 @@ def silent(rows: Observations, channels: Iterable[str]) -> Iterator[str]:
     used = rows.used()
     none = np.all([np.isnan(_read(used, name)) for name in channels], axis=0) & np.ones(len(used), np.bool_)
     if none.any():
-        yield f"no reading in {_named(used, none)}: nothing is learned from there"
+        yield f"no reading in {_named(used, none)}: it only excludes soils without an answer there"
 
 
 def _read(rows: Observations, name: str) -> FloatArray:

@@ -205,6 +205,13 @@ class Prior:
         """True where the laws of the moduli are stated at a sinkage."""
         return self.reference != 1.0
 
+    @property
+    def stretches(self) -> FloatArray:
+        """Least, middle and greatest factor (3,) of moduli over what their laws are about; 98 % of an open exponent."""
+        law = self.laws[self.exponent]
+        low, high = np.where(np.isfinite(law.range), law.range, law.quantile(np.array([0.01, 0.99])))
+        return np.sort(self.reference ** -np.array([low, law.median, high]))
+
     def log_stretch(self, x: FloatArray) -> FloatArray:
         """Log of what each parameter (n, d) is multiplied with to become what its law is about."""
         stretch = np.zeros_like(x)

@@ -159,9 +159,13 @@ _ALSO = {2: 1, 7: 6}  # n1 and c2 act only through n0 + n1 s and c1 + c2 s
 
 
 def directions_of(columns: Sequence[int] | None) -> Whole:
-    """Complex steps (k,) that derivatives in some columns need, -1 being the sinkage; all of them for None."""
+    """Complex steps (k,) that derivatives in some columns need, -1 being the sinkage; all of them for None.
+
+    At least one, which finds the pairs without a normal force.
+    """
     wanted = None if columns is None else {_ALSO.get(column, column) for column in columns}
-    return np.array([i for i, column in enumerate(_COLUMNS) if wanted is None or column in wanted], dtype=np.int64)
+    chosen = [i for i, column in enumerate(_COLUMNS) if wanted is None or column in wanted]
+    return np.array(chosen or [0], dtype=np.int64)
 
 
 @compiled

@@ -72,6 +72,14 @@ def test_moduli_at_a_sinkage_are_drawn_where_they_are(analysed: Analysed) -> Non
     assert drawn == [f"{share:.2f}" for share in np.clip(record["contractions"], 0.0, 1.0)]
 
 
+@pytest.mark.slow
+def test_identify_says_of_moduli_at_a_sinkage_what_the_run_says(analysed: Analysed) -> None:
+    """Both hold what the laws are about against the laws' ranges; the moduli lie far beyond these."""
+    result = analysed("plates")
+    told = bt.identify(result, seed=1).verdicts.set_index("parameter")["verdict"]
+    assert {name: told[name] for name in ("kc", "kphi", "n")} == words(result)
+
+
 def words(result: Result) -> dict[str, str]:
     """Verdicts on the soil parameters."""
     table = result.identifiability.set_index("parameter")["verdict"]

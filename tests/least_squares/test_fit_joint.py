@@ -19,6 +19,7 @@ from bayesterra.likelihood.posterior import posterior
 from bayesterra.models import Soil
 from bayesterra.models.decoupled import MARGIN
 from bayesterra.parameters import soil_array
+from bayesterra.stats.laws import Law
 from bayesterra.study.study import Study
 from tests.support.soil_tests import SOIL, WHEEL, both
 
@@ -231,3 +232,8 @@ def test_stiffness_of_moduli_at_a_sinkage_is_that_of_the_soil() -> None:
     stiffest = (1e3 / WHEEL.width + 50e3) * 0.01 ** -exponents[1]
     assert settings.upper[0] == pytest.approx(stiffest)
     assert settings.lower[0] < SOIL["kc"] / WHEEL.width + SOIL["kphi"] < settings.upper[0]
+    normal = {"kc": Law("norm", {"loc": 0.0, "scale": 500.0}), "kphi": Law("norm", {"loc": 2e4, "scale": 5e3})}
+    open_study = both(reference=True, priors={**normal, "n0": Law("norm", {"loc": 1.0, "scale": 0.2})})
+    settings = joint_settings(open_study, Overrides())
+    assert 0.0 < settings.lower[0] < settings.start[0] < settings.upper[0]
+    assert settings.start[0] == pytest.approx(2e4 * 0.01**-1.0)

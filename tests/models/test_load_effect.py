@@ -234,7 +234,8 @@ def test_where_no_normal_force_exists(wheel: Wheel) -> None:
     values, status = model.forces_at(theta, conditions, [0.03])
     assert status[0, 0] == Status.NORMAL_FORCE
     assert np.isnan(values).all()
-    assert np.isnan(model.jacobian_at(theta, conditions, [0.03])).all()
+    for only in (None, (), (9, 12), (1,)):
+        assert np.isnan(model.jacobian_at(theta, conditions, [0.03], only)).all()
     with pytest.raises(ValueError, match=r"'sinkage' must have a normal force in eq. \(42\) \(got 0.03\)"):
         model.forces(replace(TOYOURA, cM=-1.0), wheel, 0.4, 0.03)
     # under a load the smaller root counts: up to some load there is an answer, beyond it none

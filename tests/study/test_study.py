@@ -203,7 +203,7 @@ def test_a_load_beside_a_normal_force_is_not_used_with_the_sinkage_drive() -> No
 
 def test_a_row_in_use_without_a_reading_is_noted() -> None:
     """Not one that is out of use, nor rows of a plan."""
-    note = "no reading in row 2: nothing is learned from there"
+    note = "no reading in row 2: it only excludes soils without an answer there"
     assert note in made({"sinkage [mm]": [5.0, None]}).notes
     assert note not in made({"sinkage [mm]": [5.0, None], "use": [1, 0]}).notes
     assert not any("no reading" in text for text in made().notes)
