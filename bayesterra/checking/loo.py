@@ -288,9 +288,9 @@ class _Case:
         x, prior, inside = self._before(u)
         others = np.full(len(u), -np.inf)
         if self.rest is not None:
-            others[inside] = self._said(self.rest.rough, x[inside])
+            others[inside] = self._said(self.rest, x[inside])
         else:
-            answered, _, rest = self._apart(self.near.posterior.rough, x[inside])
+            answered, _, rest = self._apart(self.near.posterior, x[inside])
             others[inside[answered]] = rest
         return np.where(np.isfinite(others), prior, -np.inf), others
 

@@ -351,7 +351,6 @@ def replicates(
     judge: Callable[[Replicate], T],
 ) -> list[T]:
     """Draw tables from the posterior predictive law of draws (n, d), and judge each by its own posterior."""
-    posterior = posterior.rough  # errors of a thousandth of the noise move no p value
     own, *streams = seed.spawn(1 + options.number)
     rng, near, likelihood = default_rng(own), PosteriorProposal.of(posterior, draws), posterior.likelihood
     pool = _Pool.of(near, near.mixture(rng, options.widening), options.pool, rng)

@@ -33,8 +33,6 @@ LAST, SMALL, FINE = 2, 1e-5, 1e-7
 
 What is left out of a row is far smaller: 1e-6 of usual noise on a posterior, 1e-3 at worst over the paper's box. Of
 finer nodes they must be smaller: at a kink coefficients fall slowly, and what is left out is as great as they are."""
-ROUGH = (3, 10, 1e-2)
-"""The three where proposals are made: outcomes of most soils are right to 1e-3 of usual noise."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +47,7 @@ class Nodes:
 
     @classmethod
     def of(cls, model: ForwardModel, rows: Conditions, load: FloatArray, times: int = 1) -> "Nodes | None":
-        """Nodes for some rows, so many ``times`` as many as most soils need; 0 for rough ones.
+        """Nodes for some rows, so many ``times`` as many as most soils need.
 
         None where a model is not known to be smooth, or no wheel and load has enough rows.
         """
@@ -67,7 +65,7 @@ class Nodes:
             return None
         at = np.repeat(first, [len(slip) for slip, _, _ in parts])
         columns = {name: getattr(rows, name)[at] for name in names} | {"slip": np.concatenate([p[0] for p in parts])}
-        small = {0: ROUGH[-1], 1: SMALL}.get(times, FINE)
+        small = SMALL if times == 1 else FINE
         sizes = [np.outer((rows.radius[i], load[i], load[i] * rows.radius[i]), np.full(tails.shape[1], small))
                  for i, (_, _, tails) in zip(first, parts, strict=True)]  # fmt: skip
         spread = block_diag(*(part[1] for part in parts))[:, np.argsort(np.concatenate(mine))]
@@ -90,8 +88,7 @@ def _interpolation(slip: FloatArray, bends: FloatArray, times: int) -> tuple[Flo
     """
     slips, place = np.unique(slip, return_inverse=True)
     ends = [slips[0], *np.unique(bends[(bends > slips[0]) & (bends < slips[-1])]), slips[-1]]
-    few, more = (FEWEST, MORE) if times else ROUGH[:2]
-    counts = [max(times, 1) * (few + round(more * (high - low))) for low, high in pairwise(ends)]
+    counts = [times * (FEWEST + round(MORE * (high - low))) for low, high in pairwise(ends)]
     nodes = 1 + sum(counts) - len(counts)  # pieces share their ends
     if len(slips) <= nodes:
         return slips, np.eye(len(slips))[:, place], np.zeros((len(slips), 0))
@@ -234,7 +231,7 @@ class Forward:
     conditions: Conditions  # slip and wheel of every row
     given: FloatArray  # load (N) or sinkage (m) of every row, (m,), or of every parameter set and row, (n, m)
     as_read: bool = False  # sinkages are readings, with the zero error of the instrument; else true ones
-    times: int = 1  # how many times as many nodes tell the rows as most soils need; 0 for fewer
+    times: int = 1  # how many times as many nodes tell the rows as most soils need
 
     @classmethod
     def of(cls, model: ForwardModel, drive: Drive, observations: Observations, wheels: dict[str, Wheel]) -> "Forward":
@@ -298,12 +295,7 @@ class Forward:
     @cached_property
     def finer(self) -> "Forward":
         """The same with more nodes, for soils that bend; then with none."""
-        return replace(self, times=FINER * self.times or 1)
-
-    @property
-    def rough(self) -> "Forward":
-        """The same with fewer nodes, good enough to make proposals with."""
-        return replace(self, times=0)
+        return replace(self, times=FINER * self.times)
 
     def held_at(self, nodes: Nodes) -> "Forward":
         """The same held at nodes as if they were rows."""

@@ -1,9 +1,9 @@
 """Joint posterior of several groups of rows: what they share, what is their own, and populations."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Literal, Self, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.random import Generator
@@ -38,11 +38,6 @@ class JointPosterior:
     pooling: Pooling  # the role of every free parameter
     groups: Mapping[str, Posterior]  # of each group's rows alone, by its name; all have the same parameters
     grouped: ClassVar[Literal[True]] = True
-
-    @cached_property
-    def rough(self) -> Self:
-        """The same with a :attr:`bayesterra.likelihood.likelihood.Likelihood.rough` of every group."""
-        return replace(self, groups={name: own.rough for name, own in self.groups.items()})
 
     @cached_property
     def first(self) -> Posterior:

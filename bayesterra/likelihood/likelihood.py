@@ -15,7 +15,7 @@ at a sinkage at once; the error of its logarithm is below 1e-3.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -82,11 +82,6 @@ class Likelihood:
         if not told.all():
             total[~told] = self._finer.log_likelihood(soil[~told], noise_values[~told])
         return total
-
-    @cached_property
-    def rough(self) -> Self:
-        """The same where fewer nodes tell the rows of long tables: good enough to make proposals with."""
-        return replace(self, forward=self.forward.rough)
 
     @cached_property
     def _finer(self) -> "Likelihood":

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Literal, Protocol, Self
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.random import Generator
@@ -79,11 +79,6 @@ class Posterior:
     likelihood: Likelihood
     experiments: tuple[Experiment, ...] = ()
     grouped: ClassVar[Literal[False]] = False
-
-    @cached_property
-    def rough(self) -> Self:
-        """The same with a :attr:`Likelihood.rough`."""
-        return replace(self, likelihood=self.likelihood.rough)
 
     @property
     def driven(self) -> bool:

@@ -105,7 +105,6 @@ def adapt(
     options: AdaptationOptions,
     rng: Generator,
     watch: Callable[[str], None] = lambda step: None,
-    rough: Densities | None = None,
 ) -> Adaptation:
     """Carry points from the prior to the posterior and fit a proposal to them.
 
@@ -114,25 +113,23 @@ def adapt(
     densities : log prior and log likelihood in sampling coordinates.
     start : draws of the cut prior in sampling coordinates (particles, d).
     watch : told what is at work, step by step.
-    rough : cheaper densities, a little off, for the way to the posterior; all that is weighed has the others.
     """
-    way = rough or densities
-    particles = _Particles(start.copy(), *way(start))
+    particles = _Particles(start.copy(), *densities(start))
     watch("peaks")
-    peaks = _climbed(start, particles.level(1.0), way, options.climbs, rng)
+    peaks = _climbed(start, particles.level(1.0), densities, options.climbs, rng)
     evaluations, temperature, travelled = len(start) + len(peaks[0]), 0.0, [0.0]
     while temperature < 1.0:
         step = _next_step(particles.log_likelihood, 1.0 - temperature, options.keep)
         temperature = 1.0 if temperature + step > 1.0 - 1e-9 else temperature + step
         particles = particles.resampled(step * particles.log_likelihood, rng)
-        evaluations += _move(particles, way, temperature, start.std(axis=0), options, rng)
+        evaluations += _move(particles, densities, temperature, start.std(axis=0), options, rng)
         travelled.append(temperature)
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
     spread = (particles.u, particles.level(1.0))
     if _missed((spread, peaks), proposal):
-        log_target, draws = partial(_log_target, way), len(start) // 2
+        log_target, draws = partial(_log_target, densities), len(start) // 2
         proposal = add_components(proposal, *spread, log_target, rng, components=MODES, draws=draws, peaks=peaks)
         evaluations += MODES * draws
     refined = refine(proposal, particles.u, widths, densities, options, rng, watch)

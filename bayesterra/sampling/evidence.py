@@ -139,7 +139,7 @@ def redrawn(near: PosteriorProposal[Posterior], other: Posterior, rng: Generator
         return Redrawn(x[finite][mixtures.systematic(weights, REDRAWN, rng)], k_hat, False, True)
     densities = Target(other, near.coordinates).densities
     start = near.u[finite][mixtures.systematic(weights, REFINEMENT.particles, rng)]
-    law = Pair(refined(start, Target(other, near.coordinates).rough.densities, rng), near.mixture(rng))
+    law = Pair(refined(start, densities, rng), near.mixture(rng))
     for n in (2 * REDRAWN, 8 * REDRAWN):
         u = law.sample(n, rng)
         prior, likelihood = densities(u)

@@ -4,8 +4,8 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import asdict, dataclass, field
+from functools import partial
 from itertools import repeat
 from threading import Lock
 from typing import Any
@@ -100,12 +100,6 @@ class Target:
     def names(self) -> tuple[str, ...]:
         """Free parameters, what is integrated out among them."""
         return self.integrated.whole.names if self.integrated else self.posterior.names
-
-    @cached_property
-    def rough(self) -> "Target":
-        """The same with a :attr:`bayesterra.likelihood.likelihood.Likelihood.rough`."""
-        whole = self.posterior
-        return replace(self, posterior=whole.rough) if isinstance(whole, Posterior) else self
 
     def completed(self, chains: FloatArray, seed: SeedSequence) -> FloatArray:
         """Chains (..., k) with what was integrated out, (..., d): drawn given the rest."""
@@ -290,7 +284,7 @@ class _Task:
         target, walkers = self.target, self.options.walkers
         prior = draw_cut_prior(target.posterior, max(self.plan.particles, walkers), rng)
         start = target.coordinates.from_physical(prior.x)
-        adaptation = adapt(target.densities, start, self.plan, rng, watch, target.rough.densities)
+        adaptation = adapt(target.densities, start, self.plan, rng, watch)
         chosen = rng.choice(len(adaptation.u), size=walkers, replace=False)
         straight, mixture = adaptation.proposal.transport_map, adaptation.proposal.mixture
         begin, _ = straight.inverse(adaptation.u[chosen])

@@ -123,22 +123,6 @@ def test_two_modes_are_both_found() -> None:
     assert found.log_evidence == pytest.approx(evidence, abs=0.1)
 
 
-def test_a_rough_density_leads_there_and_is_weighed_nowhere() -> None:
-    """One that is off by 5 everywhere and by some per cent in place leaves evidence and proposal those of the other."""
-    densities, expected = normal_problem(3, 0.1)
-
-    def rough(u: FloatArray) -> tuple[FloatArray, FloatArray]:
-        prior, likelihood = densities(1.01 * u)
-        return prior, likelihood + 5.0
-
-    rng = default_rng(2)
-    found = adapt(densities, rng.standard_normal((512, 3)), OPTIONS, rng, rough=rough)
-    assert found.log_evidence == pytest.approx(expected, abs=0.1)
-    u = found.proposal.sample(20_000, rng)
-    weights = np.exp(np.sum(densities(u), axis=0) - found.proposal.log_density(u))
-    assert np.log(weights.mean()) == pytest.approx(expected, abs=0.05)
-
-
 def needle(d: int, sd: float) -> Densities:
     """Flat within ten of the origin; a broad peak of weight 0.7 and sd 1, and one of weight 0.3 and ``sd`` apart."""
 
