@@ -18,6 +18,7 @@ from bayesterra.models import RANGES
 from bayesterra.parameters import MODULI, NOISE_PREFIX, TEST_SIZES, whole_and_part
 from bayesterra.stats.laws import Law
 from bayesterra.stats.optimiser import Local
+from bayesterra.study.priors import TAIL
 
 LATENT_STEP = 0.03
 """Step of differences, in standard deviations; the latent likelihood is known to 1e-3 only."""
@@ -157,8 +158,6 @@ class Target:
         return np.nan_to_num(stretch * slope), np.nan_to_num(stretch[:, :, None] * curvature * stretch[:, None, :])
 
 
-TAIL = 1e-4
-"""Probability beyond either end of the range of a law that has no end there."""
 MARGIN = 1e-9
 """Distance kept from the open limits θm/θ1 = c3 and 1 and N = 0, and φ = 90°."""
 SMALLEST = 1e-4

@@ -52,6 +52,9 @@ class Source:
 Entry = Law | float | Tie
 """Prior of one parameter: free, fixed, or tied."""
 
+TAIL = 1e-4
+"""Probability beyond either end of the range of a law that has no end there."""
+
 
 @dataclass(frozen=True)
 class Prior:
@@ -207,9 +210,9 @@ class Prior:
 
     @property
     def stretches(self) -> FloatArray:
-        """Least, middle and greatest factor (3,) of moduli over what their laws are about; 98 % of an open exponent."""
-        law = self.laws[self.exponent]
-        low, high = np.where(np.isfinite(law.range), law.range, law.quantile(np.array([0.01, 0.99])))
+        """Least, middle and greatest factor (3,) of moduli over what their laws are about; see ``TAIL``."""
+        law, tail = self.laws[self.exponent], np.array(TAIL)
+        low, high = np.where(np.isfinite(law.range), law.range, (law.quantile(tail), law.upper_quantile(tail)))
         return np.sort(self.reference ** -np.array([low, law.median, high]))
 
     def log_stretch(self, x: FloatArray) -> FloatArray:

@@ -237,3 +237,5 @@ def test_stiffness_of_moduli_at_a_sinkage_is_that_of_the_soil() -> None:
     settings = joint_settings(open_study, Overrides())
     assert 0.0 < settings.lower[0] < settings.start[0] < settings.upper[0]
     assert settings.start[0] == pytest.approx(2e4 * 0.01**-1.0)
+    settings = joint_settings(both(reference=True, priors={"n0": Law("norm", {"loc": 1.0, "scale": 0.2})}), Overrides())
+    assert settings.upper[0] > (1e3 / WHEEL.width + 50e3) * 0.01**-1.6, "three standard deviations of n0"

@@ -14,6 +14,7 @@ from bayesterra.likelihood.posterior import draw_cut_prior, posterior
 from bayesterra.likelihood.sensitivities import score_and_information, weighted_sensitivities
 from bayesterra.likelihood.target import Target, chart
 from bayesterra.sampling.coordinates import coordinates
+from bayesterra.stats.laws import Law
 from bayesterra.study.study import Study
 from tests.support.soil_tests import both, plates, shear
 
@@ -167,3 +168,12 @@ def test_far_proposals_have_no_density_and_raise_no_warning() -> None:
     assert np.isneginf(whole.log_density(x)).all()
     far = coordinates(whole).to_physical(np.full((1, 7), 1e4))[0]
     assert np.isneginf(whole.log_density(far)).all()
+
+
+def test_moduli_at_a_sinkage_have_a_chart_where_the_exponent_is_open() -> None:
+    """Its ends are those of all but 1e-4 of its law on either side; a profile needs numbers."""
+    density = posterior(both(reference=True, priors={"n0": Law("norm", {"loc": 1.0, "scale": 0.2})}))
+    drawn = chart(density)
+    assert np.isfinite(drawn.ends).all()
+    low, high = drawn.ends[density.names.index("kphi")]
+    assert (low, high) == pytest.approx((-50e3 * 0.01**-1.74, 50e3 * 0.01**-1.74), rel=0.02)
