@@ -10,13 +10,13 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from bayesterra.arrays import FloatArray
-from bayesterra.models.kernels import drivers
+from bayesterra.models.kernels import compiled, drivers
 
 STEP = 1e-5
 SHEAR_AXES = 8
+EVERY = drivers.directions_of(None)
 
 
 class Rows(NamedTuple):
@@ -31,7 +31,7 @@ class Rows(NamedTuple):
     load: bool
 
 
-@njit(cache=True)
+@compiled
 def _outcomes(x, rows):  # type: ignore[no-untyped-def]
     """Outcomes (1, m, 3) and status (1, m) of one parameter set (8,)."""
     theta = np.zeros((1, 9))
@@ -45,7 +45,7 @@ def _outcomes(x, rows):  # type: ignore[no-untyped-def]
     return theta, out, status
 
 
-@njit(cache=True)
+@compiled
 def density(x, rows):  # type: ignore[no-untyped-def]
     """Log posterior density of physical parameters (8,)."""
     constant = -np.log(rows.high - rows.low).sum()
@@ -61,7 +61,7 @@ def density(x, rows):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
+@compiled
 def gradient(x, rows):  # type: ignore[no-untyped-def]
     """Log posterior density of physical parameters (8,) and its gradient (8,)."""
     slope = np.zeros(8)
@@ -72,7 +72,7 @@ def gradient(x, rows):  # type: ignore[no-untyped-def]
     m = rows.given.shape[1]
     jacobian = np.empty((1, m, 3, 10))
     depth = out[:, :, 0].copy() if rows.load else rows.given
-    drivers.jacobian(theta, rows.rows, depth, ((0,), 0, True), jacobian, status)
+    drivers.jacobian(EVERY, theta, rows.rows, depth, ((0,), 0, True), jacobian, status)
     for j in range(m):
         by = jacobian[0, j]
         for k in range(3):
@@ -88,30 +88,30 @@ def gradient(x, rows):  # type: ignore[no-untyped-def]
     return value, slope
 
 
-@njit(cache=True)
+@compiled
 def box_density(u, rows):  # type: ignore[no-untyped-def]
     """Log density at a point (8,) of the unit cube."""
     return density(rows.low + u * (rows.high - rows.low), rows)
 
 
-@njit(cache=True)
+@compiled
 def box_gradient(u, rows):  # type: ignore[no-untyped-def]
     """The same and its gradient (8,)."""
     value, slope = gradient(rows.low + u * (rows.high - rows.low), rows)
     return value, slope * (rows.high - rows.low)
 
 
-@njit(cache=True)
+@compiled
 def _below(u):  # type: ignore[no-untyped-def]
     return 0.5 * math.erfc(-u / math.sqrt(2.0))
 
 
-@njit(cache=True)
+@compiled
 def _log_normal(u):  # type: ignore[no-untyped-def]
     return -0.5 * u * u - 0.5 * math.log(2 * math.pi)
 
 
-@njit(cache=True)
+@compiled
 def to_physical(u, shear, low, high):  # type: ignore[no-untyped-def]
     """Physical parameters and, last, log |dx/du| (9,) of our coordinates (8,)."""
     s0, s1, e0, e1, radius, share, stress, displacement = shear
@@ -138,7 +138,7 @@ def to_physical(u, shear, low, high):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True)
+@compiled
 def sheared_density(u, shear, rows):  # type: ignore[no-untyped-def]
     """Log density at a point (8,) of our coordinates."""
     if np.abs(u).max() > 30:
@@ -148,7 +148,7 @@ def sheared_density(u, shear, rows):  # type: ignore[no-untyped-def]
     return value + x[8] if value > -np.inf else value
 
 
-@njit(cache=True)
+@compiled
 def sheared_gradient(u, shear, rows):  # type: ignore[no-untyped-def]
     """The same and its gradient (8,)."""
     slope = np.zeros(8)
