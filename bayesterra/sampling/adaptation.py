@@ -6,9 +6,11 @@ agreement means something. Everything here ends before draws are kept.
 Components are added where the proposal falls short (incremental mixture sampling, Raftery and Bao 2010).
 An independent proposal that is thin somewhere leaves walkers standing there: a point whose importance weight
 is a hundred times the mean is left once in some hundred steps. So that is where components are added, a few at
-a time, each fitted to the points around the greatest weight.
+a time, each fitted to the points around the greatest weight. A proposal's own draws do not tell where it is thin:
+points of the last temperatures, which reach farther into the tails, are looked at too.
 """
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -118,21 +120,24 @@ def adapt(
     watch("peaks")
     peaks = _climbed(start, particles.level(1.0), densities, options.climbs, rng)
     evaluations, temperature, travelled = len(start) + len(peaks[0]), 0.0, [0.0]
+    hot = deque[tuple[FloatArray, FloatArray]](maxlen=HOT)
     while temperature < 1.0:
         step = _next_step(particles.log_likelihood, 1.0 - temperature, options.keep)
         temperature = 1.0 if temperature + step > 1.0 - 1e-9 else temperature + step
         particles = particles.resampled(step * particles.log_likelihood, rng)
         evaluations += _move(particles, densities, temperature, start.std(axis=0), options, rng)
         travelled.append(temperature)
+        hot.append((particles.u.copy(), particles.level(1.0)))
         watch(f"temperature {temperature:.3g}")
     widths = start.std(axis=0)
     proposal = _fitted(particles.u, np.full(len(start), 1.0), widths, options, rng)
-    spread = (particles.u, particles.level(1.0))
+    spread = hot[-1]
     if _missed((spread, peaks), proposal):
         log_target, draws = partial(_log_target, densities), len(start) // 2
         proposal = add_components(proposal, *spread, log_target, rng, components=MODES, draws=draws, peaks=peaks)
         evaluations += MODES * draws
-    refined = refine(proposal, particles.u, widths, densities, options, rng, watch)
+    tails = (np.concatenate([u for u, _ in hot]), np.concatenate([level for _, level in hot]))
+    refined = refine(proposal, particles.u, widths, densities, options, rng, watch, tails)
     proposal, efficiency, log_evidence, draws = refined
     evaluations += draws + options.shores * (len(start) // 2)
     return Adaptation(particles.u, tuple(travelled), evaluations, proposal, efficiency, log_evidence)
@@ -211,6 +216,8 @@ def _climbed(
     return np.concatenate(met), np.concatenate(heights)
 
 
+HOT = 4
+"""Last temperatures whose points show where the proposal is thin."""
 MODES, MISSED = 8, 8.0
 """Components added where the fit to the particles has missed a mode, and the log weight that tells so."""
 
@@ -224,11 +231,13 @@ def _missed(points: Sequence[tuple[FloatArray, FloatArray]], proposal: Proposal)
 def refine(
     proposal: Proposal, u: FloatArray, widths: FloatArray, densities: Densities, options: AdaptationOptions,
     rng: Generator, watch: Callable[[str], None] = lambda step: None,
+    tails: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[Proposal, float, float, int]:  # fmt: skip
     """Improve a proposal by adaptive multiple importance sampling (Cornuet et al. 2012).
 
     Draws of all rounds so far are weighed against the mixture of all their proposals and the fit is made
-    anew; the points ``u`` (n, d) stay in as an anchor.
+    anew; the points ``u`` (n, d) stay in as an anchor. Last, components are added where the proposal is thin at
+    draws or at points of ``tails``, coordinates (m, d) and log density (m,).
 
     Returns
     -------
@@ -253,7 +262,7 @@ def refine(
     watch("proposal, thin places")
     tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
     shores, draws = options.shores, len(u) // 2
-    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws)
+    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=tails)
     return proposal, efficiency, log_evidence, len(drawn.u)
 
 
@@ -315,7 +324,7 @@ def add_components(
     log_target : the log density itself.
     components : number of components to add; 0 adds none.
     draws : draws of each new component, among which the next greatest weight is looked for too.
-    peaks : further points and their log density; distances are measured without them, as they lie all over the prior.
+    peaks : further points and their log density; distances are measured without them, as they lie far and wide.
     """
     if not components:
         return proposal

@@ -23,6 +23,23 @@ def normal_problem(d: int, sd: float, centre: float = 1.0) -> tuple[Densities, f
     return lambda u: (np.atleast_1d(prior.logpdf(u)), np.atleast_1d(likelihood.logpdf(u))), float(evidence)
 
 
+PARTS = [(0.0, 5.0), (0.0, 0.5), (4.0, 0.5)]  # places on the first axis and standard deviations: prior, main part, tail
+
+
+@pytest.mark.parametrize("seed", [2, 5, 7])
+def test_a_part_of_three_in_ten_thousand_is_not_thin(seed: int) -> None:
+    """Walkers do not stand for hundreds of steps in a part of the posterior that only hotter points have seen."""
+    wide, main, part = (multivariate_normal(np.eye(8)[0] * at, sd**2 * np.eye(8)) for at, sd in PARTS)
+
+    def densities(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        prior, most, rest = (np.atleast_1d(law.logpdf(u)) for law in (wide, main, part))
+        return prior, np.logaddexp(np.log(1 - 3e-4) + most, np.log(3e-4) + rest) - prior
+
+    found = adapted(densities, wide.rvs(1024, default_rng(seed)), seed, AdaptationOptions())
+    there = part.rvs(20_000, default_rng(0))
+    assert np.mean(np.exp(sum(densities(there)) - found.proposal.log_density(there))) < 10
+
+
 FAR = 20.0
 WIDE = multivariate_normal(np.zeros(3), FAR**2 * np.eye(3))
 PEAKS = [multivariate_normal([side * FAR, 0.0, 0.0], 0.25 * np.eye(3)) for side in (-1, 1)]
