@@ -43,7 +43,7 @@ class AdaptationOptions:
     refinements : draws per particle in each round of importance sampling that refines the mixture.
     more, enough : further rounds, which take place while less than this share of the draws is effective.
     defence : share of a wide component in the final mixture.
-    shores : components added at last where the proposal is thinnest beside the posterior.
+    shores : components added at last where the proposal is thinnest beside the posterior, at most.
     climbs : steps uphill from each draw of the prior that lies above its neighbours.
     """
 
@@ -55,7 +55,7 @@ class AdaptationOptions:
     more: tuple[int, ...] = (16, 16)
     enough: float = 0.3
     defence: float = 0.1
-    shores: int = 40
+    shores: int = 160
     climbs: int = 150
 
 
@@ -139,7 +139,7 @@ def adapt(
     tails = (np.concatenate([u for u, _ in hot]), np.concatenate([level for _, level in hot]))
     refined = refine(proposal, particles.u, widths, densities, options, rng, watch, tails)
     proposal, efficiency, log_evidence, draws = refined
-    evaluations += draws + options.shores * (len(start) // 2)
+    evaluations += draws
     return Adaptation(particles.u, tuple(travelled), evaluations, proposal, efficiency, log_evidence)
 
 
@@ -243,7 +243,8 @@ def refine(
     -------
     The frozen proposal; the effective share of the draws of the last round, which no fit had seen before, and
     the log of their mean importance weight, both of its forerunner (all rounds together underrate the
-    evidence: later proposals are dense just where earlier draws lie); the number of draws of all rounds.
+    evidence: later proposals are dense just where earlier draws lie); the number of draws of all rounds and
+    of the components added.
     """
     drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
     efficiency = log_evidence = np.nan
@@ -261,9 +262,11 @@ def refine(
         proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
     tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
-    shores, draws = options.shores, len(u) // 2
-    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=tails)
-    return proposal, efficiency, log_evidence, len(drawn.u)
+    shores, draws, fitted = options.shores, len(u) // 2, len(proposal.mixture.weights)
+    enough = mixtures.log_mean(log_weights) + THICK
+    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=tails, enough=enough)
+    added = len(proposal.mixture.weights) - fitted
+    return proposal, efficiency, log_evidence, len(drawn.u) + added * draws
 
 
 def _log_target(densities: Densities, u: FloatArray) -> FloatArray:
@@ -308,6 +311,8 @@ NEIGHBOURS = 200
 WIDENING = 1.3
 ABREAST = 4
 """Components, at most and an eighth of all, that are added before their draws are weighed in one call."""
+THICK, CALM = 3.0, 5
+"""Log of a weight, over the mean one, that walkers leave soon; calls in a row without a greater one that end it."""
 THIN = 0.25
 """Share of the points given, those of the greatest weights, among which thin places are looked for."""
 
@@ -315,6 +320,7 @@ THIN = 0.25
 def add_components(
     proposal: Proposal, u: FloatArray, level: FloatArray, log_target: Callable[[FloatArray], FloatArray],
     rng: Generator, *, components: int, draws: int, peaks: tuple[FloatArray, FloatArray] | None = None,
+    enough: float = -np.inf,
 ) -> Proposal:  # fmt: skip
     """Add components to a proposal where its importance weights are greatest.
 
@@ -322,9 +328,10 @@ def add_components(
     ----------
     u, level : points (n, d) that cover the target, and its log density there (n,), −inf outside the support.
     log_target : the log density itself.
-    components : number of components to add; 0 adds none.
+    components : number of components to add, at most; 0 adds none.
     draws : draws of each new component, among which the next greatest weight is looked for too.
     peaks : further points and their log density; distances are measured without them, as they lie far and wide.
+    enough : log weight up to which a place is not thin: calls in a row that find no greater one are the last.
     """
     if not components:
         return proposal
@@ -334,8 +341,11 @@ def add_components(
     places = _Places(straight, mixture.dof, len(u) + len(further[0]) + components * draws)
     places.add(u, level, mixture)
     places.add(*further, mixture)
-    abreast = min(ABREAST, max(1, components // 8))
+    abreast, calm = min(ABREAST, max(1, components // 8)), 0
     for begun in range(0, components, abreast):
+        calm = calm + 1 if places.greatest <= enough else 0
+        if calm == CALM:
+            break
         new = [places.component(share) for _ in range(min(abreast, components - begun))]
         weights = np.append(mixture.weights, np.full(len(new), share))
         means, factors = (
@@ -344,7 +354,11 @@ def add_components(
         mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
         u, _ = straight.forward(np.concatenate([component.sample(draws, rng) for component in new]))
         places.add(u, log_target(u), mixture)
-    return Proposal(straight, mixture)
+    added = len(mixture.weights) - len(proposal.mixture.weights)
+    if not added:
+        return proposal
+    weights = np.append(mixture.weights[:-added], np.full(added, SHARE / added))
+    return Proposal(straight, replace(mixture, weights=weights))
 
 
 class _Places:
@@ -369,6 +383,11 @@ class _Places:
         self._n += len(v)
         new = slice(start, self._n)
         self._v[new], self._log_target[new], self._log_proposal[new] = v, level, log_proposal
+
+    @property
+    def greatest(self) -> float:
+        """The greatest log weight."""
+        return float((self._log_target[: self._n] - self._log_proposal[: self._n]).max())
 
     def component(self, share: float) -> mixtures.StudentMixture:
         """Add to the mixture a component about the greatest weight, as wide as the weighted points next to it."""
