@@ -120,3 +120,19 @@ def test_components_stand_inside_the_support() -> None:
     assert np.isfinite(log_target(centres)).all()
     again = add_components(thin(), *known(3000), default_rng(3), components=6, draws=300)
     np.testing.assert_array_equal(found.mixture.means, again.mixture.means)
+
+
+def test_components_end_where_no_place_is_thin() -> None:
+    """Five calls in a row without a greater weight are the last; what was added by then weighs as much as all would."""
+    proposals = [
+        add_components(thin(), *known(20_000), default_rng(2), components=160, draws=100, enough=enough)
+        for enough in (np.inf, 1.0, -np.inf)
+    ]
+    numbers = [len(proposal.mixture.weights) - 2 for proposal in proposals]
+    assert numbers[0] == 4 * 4
+    assert 16 < numbers[1] < 160
+    assert numbers[2] == 160
+    for proposal, number in zip(proposals, numbers, strict=True):
+        np.testing.assert_allclose(proposal.mixture.weights[2:], 0.2 / number)
+        assert proposal.mixture.weights.sum() == pytest.approx(1.0)
+    assert log_weights(proposals[1]).max() < 1.5
