@@ -349,8 +349,10 @@ def test_the_whole_path_in_a_browser_and_a_run_that_was_killed(tmp_path: Path) -
         while (child := working(folder)) in (0, first) and time.monotonic() < until:
             time.sleep(0.1)
         assert page.errors == []
+        assert child not in (0, first)
         os.kill(process.pid, signal.SIGKILL)
-        os.kill(child, signal.SIGKILL)
+        with suppress(ProcessLookupError):  # on a busy machine it may just have ended
+            os.kill(child, signal.SIGKILL)
     with page_of(folder) as (_, url), opened() as page:
         page.open(url)
         page.wait("document.querySelector('#jobs a')", 600)
