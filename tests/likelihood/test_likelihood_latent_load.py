@@ -110,7 +110,7 @@ CASES: Mapping[str, Mapping[str, Any]] = {
     },
 }
 
-SLOW = {"M1", "M2", "one's own, little pull noise", "one's own, wide range, heavy tails"}
+SLOW = {"M1", "M2", "wide range", "one's own, little pull noise", "one's own, wide range, heavy tails"}
 
 RowLevel = Callable[[LatentLoad, FloatArray, FloatArray, int], float]
 Integrand = Callable[[LatentLoad, FloatArray, FloatArray, int, FloatArray], FloatArray]

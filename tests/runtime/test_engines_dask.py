@@ -66,6 +66,7 @@ def two_workers(engine: bt.Engine) -> None:
         time.sleep(0.1)
 
 
+@pytest.mark.slow
 def test_a_cluster_gives_what_one_process_gives(cluster: Cluster, local: pd.DataFrame, tmp_path: Path) -> None:
     """Every rank of a calibration, to the last digit; both workers took part; errors of tasks arrive."""
     with dask_cluster(cluster.address) as engine:
