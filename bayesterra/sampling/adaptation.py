@@ -263,7 +263,7 @@ def refine(
     watch("proposal, thin places")
     tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
     shores, draws, fitted = options.shores, len(u) // 2, len(proposal.mixture.weights)
-    enough = mixtures.log_mean(log_weights) + THICK
+    enough = float(mixtures.log_mean(log_weights)) + THICK
     proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=tails, enough=enough)
     added = len(proposal.mixture.weights) - fitted
     return proposal, efficiency, log_evidence, len(drawn.u) + added * draws
