@@ -247,7 +247,7 @@ def refine(
     of the components added.
     """
     drawn = _Drawn(np.empty((0, u.shape[1])), np.empty(0), [], [])
-    efficiency = log_evidence = np.nan
+    efficiency, log_evidence, enough = np.nan, np.nan, -np.inf
     for number, draws in enumerate((*options.refinements, *options.more)):
         if number >= len(options.refinements) and efficiency >= options.enough:
             break
@@ -255,7 +255,8 @@ def refine(
         efficiency, log_evidence = drawn.extend(proposal, draws * len(u), densities, rng)
         log_weights = drawn.log_weights()
         # truncated weights (Ionides 2008) keep one stray draw from ruling the fit
-        excess = log_weights - mixtures.log_mean(log_weights)
+        mean = float(mixtures.log_mean(log_weights))
+        excess, enough = log_weights - mean, mean + THICK
         truncated = np.minimum(excess, 0.5 * np.log(len(log_weights)))
         chosen = mixtures.systematic(np.exp(FLATTENING * truncated), 5 * len(u), rng)
         weights = np.repeat([1.0, 0.5], [len(chosen), len(u)])
@@ -263,7 +264,6 @@ def refine(
     watch("proposal, thin places")
     tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
     shores, draws, fitted = options.shores, len(u) // 2, len(proposal.mixture.weights)
-    enough = float(mixtures.log_mean(log_weights)) + THICK
     proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=tails, enough=enough)
     added = len(proposal.mixture.weights) - fitted
     return proposal, efficiency, log_evidence, len(drawn.u) + added * draws
@@ -305,14 +305,14 @@ class _Drawn:
 
 
 SHARE = 0.2
-"""Weight of all added components together."""
+"""Weight of all components together, where as many are added as may be."""
 NEIGHBOURS = 200
 """Points around the greatest weight that a component is fitted to."""
 WIDENING = 1.3
 ABREAST = 4
 """Components, at most and an eighth of all, that are added before their draws are weighed in one call."""
 THICK, CALM = 3.0, 5
-"""Log of a weight, over the mean one, that walkers leave soon; calls in a row without a greater one that end it."""
+"""Log of a weight, over the mean one, that walkers leave soon; looks in a row without a greater one that end it."""
 THIN = 0.25
 """Share of the points given, those of the greatest weights, among which thin places are looked for."""
 
@@ -331,7 +331,7 @@ def add_components(
     components : number of components to add, at most; 0 adds none.
     draws : draws of each new component, among which the next greatest weight is looked for too.
     peaks : further points and their log density; distances are measured without them, as they lie far and wide.
-    enough : log weight up to which a place is not thin: calls in a row that find no greater one are the last.
+    enough : log weight up to which a place is not thin: where looks in a row find no greater one, that is the end.
     """
     if not components:
         return proposal
@@ -354,11 +354,7 @@ def add_components(
         mixture = mixtures.StudentMixture(weights, means, factors, mixture.dof)
         u, _ = straight.forward(np.concatenate([component.sample(draws, rng) for component in new]))
         places.add(u, log_target(u), mixture)
-    added = len(mixture.weights) - len(proposal.mixture.weights)
-    if not added:
-        return proposal
-    weights = np.append(mixture.weights[:-added], np.full(added, SHARE / added))
-    return Proposal(straight, replace(mixture, weights=weights))
+    return Proposal(straight, replace(mixture, weights=mixture.weights / mixture.weights.sum()))
 
 
 class _Places:

@@ -118,7 +118,6 @@ def test_profiles_do_not_depend_on_the_starts(eight: tuple[Posterior, Profiles])
         assert min(one.trust, other.trust) > 0.8
 
 
-@pytest.mark.slow
 def test_intervals_of_tight_data_hold_the_truth(eight: tuple[Posterior, Profiles]) -> None:
     """K_s may be anything, as n0 and n1 make up for it; the others' 95 % intervals hold the truth."""
     _, found = eight

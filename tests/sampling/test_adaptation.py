@@ -26,7 +26,7 @@ def normal_problem(d: int, sd: float, centre: float = 1.0) -> tuple[Densities, f
 PARTS = [(0.0, 5.0), (0.0, 0.5), (4.0, 0.5)]  # places on the first axis and standard deviations: prior, main part, tail
 
 
-@pytest.mark.parametrize("seed", [2, 7])
+@pytest.mark.parametrize("seed", [2, 5])
 def test_a_part_of_three_in_ten_thousand_is_not_thin(seed: int) -> None:
     """Walkers do not stand for hundreds of steps in a part of the posterior that only hotter points have seen."""
     wide, main, part = (multivariate_normal(np.eye(8)[0] * at, sd**2 * np.eye(8)) for at, sd in PARTS)

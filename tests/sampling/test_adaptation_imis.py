@@ -123,7 +123,7 @@ def test_components_stand_inside_the_support() -> None:
 
 
 def test_components_end_where_no_place_is_thin() -> None:
-    """Five calls in a row without a greater weight are the last; what was added by then weighs as much as all would."""
+    """Five looks in a row at no greater weight are the last; each component weighs what it would among all."""
     proposals = [
         add_components(thin(), *known(20_000), default_rng(2), components=160, draws=100, enough=enough)
         for enough in (np.inf, 1.0, -np.inf)
@@ -133,6 +133,7 @@ def test_components_end_where_no_place_is_thin() -> None:
     assert 16 < numbers[1] < 160
     assert numbers[2] == 160
     for proposal, number in zip(proposals, numbers, strict=True):
-        np.testing.assert_allclose(proposal.mixture.weights[2:], 0.2 / number)
+        weight = 0.2 / 160
+        np.testing.assert_allclose(proposal.mixture.weights[2:], weight / (0.8 + number * weight))
         assert proposal.mixture.weights.sum() == pytest.approx(1.0)
-    assert log_weights(proposals[1]).max() < 1.5
+    assert log_weights(proposals[1]).max() < 1.5 < log_weights(thin()).max()
