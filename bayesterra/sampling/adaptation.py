@@ -134,7 +134,7 @@ def adapt(
     spread = hot[-1]
     if _missed((spread, peaks), proposal):
         log_target, draws = partial(_log_target, densities), len(start) // 2
-        proposal = add_components(proposal, *spread, log_target, rng, components=MODES, draws=draws, peaks=peaks)
+        proposal = add_components(proposal, *spread, log_target, rng, components=MODES, draws=draws, further=peaks)
         evaluations += MODES * draws
     tails = (np.concatenate([u for u, _ in hot]), np.concatenate([level for _, level in hot]))
     refined = refine(proposal, particles.u, widths, densities, options, rng, watch, tails)
@@ -264,7 +264,7 @@ def refine(
     watch("proposal, thin places")
     tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
     shores, draws, fitted = options.shores, len(u) // 2, len(proposal.mixture.weights)
-    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, peaks=tails, enough=enough)
+    proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, further=tails, enough=enough)
     added = len(proposal.mixture.weights) - fitted
     return proposal, efficiency, log_evidence, len(drawn.u) + added * draws
 
@@ -319,7 +319,7 @@ THIN = 0.25
 
 def add_components(
     proposal: Proposal, u: FloatArray, level: FloatArray, log_target: Callable[[FloatArray], FloatArray],
-    rng: Generator, *, components: int, draws: int, peaks: tuple[FloatArray, FloatArray] | None = None,
+    rng: Generator, *, components: int, draws: int, further: tuple[FloatArray, FloatArray] | None = None,
     enough: float = -np.inf,
 ) -> Proposal:  # fmt: skip
     """Add components to a proposal where its importance weights are greatest.
@@ -330,17 +330,17 @@ def add_components(
     log_target : the log density itself.
     components : number of components to add, at most; 0 adds none.
     draws : draws of each new component, among which the next greatest weight is looked for too.
-    peaks : further points and their log density; distances are measured without them, as they lie far and wide.
+    further : more points and their log density; distances are measured without them, as they lie far and wide.
     enough : log weight up to which a place is not thin: where looks in a row find no greater one, that is the end.
     """
     if not components:
         return proposal
     straight, share = proposal.transport_map, SHARE / components
     mixture = replace(proposal.mixture, weights=(1.0 - SHARE) * proposal.mixture.weights)
-    further = peaks or (u[:0], level[:0])
-    places = _Places(straight, mixture.dof, len(u) + len(further[0]) + components * draws)
+    more = further or (u[:0], level[:0])
+    places = _Places(straight, mixture.dof, len(u) + len(more[0]) + components * draws)
     places.add(u, level, mixture)
-    places.add(*further, mixture)
+    places.add(*more, mixture)
     abreast, calm = min(ABREAST, max(1, components // 8)), 0
     for begun in range(0, components, abreast):
         calm = calm + 1 if places.greatest <= enough else 0

@@ -8,7 +8,7 @@ from numpy.random import default_rng
 from scipy.stats import multivariate_normal
 
 from bayesterra.arrays import FloatArray
-from bayesterra.sampling.adaptation import add_components
+from bayesterra.sampling.adaptation import _Places, add_components
 from bayesterra.stats.mixture import StudentMixture
 from bayesterra.stats.transport import Proposal, TransportMap
 
@@ -62,8 +62,8 @@ def test_further_points_all_over_the_prior_are_no_yardstick() -> None:
     rng = default_rng(7)
     scattered = rng.standard_normal((4000, D)) * [100.0, 1.0, 1.0]
     plain, further = (
-        add_components(thin(), *known(20_000), default_rng(2), components=8, draws=400, peaks=peaks)
-        for peaks in (None, (scattered, log_target(scattered)))
+        add_components(thin(), *known(20_000), default_rng(2), components=8, draws=400, further=more)
+        for more in (None, (scattered, log_target(scattered)))
     )
     widths = [np.sqrt((each.mixture.factors[2:, 0] ** 2).sum(axis=-1)) for each in (plain, further)]
     assert len(widths[0]) == len(widths[1]) == 8
@@ -137,3 +137,11 @@ def test_components_end_where_no_place_is_thin() -> None:
         np.testing.assert_allclose(proposal.mixture.weights[2:], weight / (0.8 + number * weight))
         assert proposal.mixture.weights.sum() == pytest.approx(1.0)
     assert log_weights(proposals[1]).max() < 1.5 < log_weights(thin()).max()
+
+
+def test_a_thin_place_begins_the_count_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Four looks at nothing thin, one at a thin place, five at nothing: the tenth ends it, nine calls of four in."""
+    seen = iter([0.0] * 4 + [2.0] + [0.0] * 155)
+    monkeypatch.setattr(_Places, "greatest", property(lambda places: next(seen)))
+    found = add_components(thin(), *known(2000), default_rng(2), components=160, draws=50, enough=1.0)
+    assert len(found.mixture.weights) == len(thin().mixture.weights) + 9 * 4
