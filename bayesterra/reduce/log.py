@@ -48,6 +48,10 @@ class Log:
         if not both:
             known = ", ".join(OFFSET)
             raise StudyError(f"zero record '{record.name}' has no channel of '{self.name}' with an offset ({known})")
+        for name in both:
+            if (count := int(np.isfinite(record.values[name]).sum())) < FEWEST:
+                least = f"at least {FEWEST} readings of '{name}' (got {count})"
+                raise StudyError(f"zero record '{record.name}' must hold {least}")
         zeros = {name: mean_and_error(record.values[name]) for name in both}
         return replace(self, values={**self.values, **{n: self.values[n] - zeros[n][0] for n in both}}, zeros=zeros)
 

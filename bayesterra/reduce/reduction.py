@@ -177,8 +177,8 @@ def branch_of(log: Log, plate: float | None) -> Branch:
     told = np.unique(stated[~np.isnan(stated)])
     if len(told) > 1 or (told <= 0).any():
         got = " to ".join(f"{1e3 * end:g}" for end in dict.fromkeys(told[[0, -1]]))
-        raise StudyError(f"'plate_diameter' must be one length above 0 in a test (got {got} mm, {log.name}): name tests"
-                         " in a column 'test'")  # fmt: skip
+        mend = ": name tests in a column 'test'" if len(told) > 1 else ""
+        raise StudyError(f"'plate_diameter' must be one length above 0 in a test (got {got} mm, {log.name}){mend}")
     diameter = float(told[0]) if told.size else plate
     if diameter is None:
         raise StudyError("the plate's diameter is missing: --plate \"100 mm\", or a column 'plate_diameter [mm]'")

@@ -63,11 +63,10 @@ def factor(unit: str, dimension: str) -> float:
     ------
     StudyError : the unit is not known or has another dimension.
     """
-    parsed = _parsed(unit)
-    angle = str(parsed) in ANGLES
-    expected = _registry().Unit(dimension)
-    turns = dimension != "rad/s" or any(word in str(parsed) for word in (*ANGLES, "revolution"))
-    if parsed.dimensionality != expected.dimensionality or angle != (dimension == "rad") or not turns:
+    parsed, expected = _parsed(unit), _registry().Unit(dimension)
+    turns = any(word in str(parsed) for word in (*ANGLES, "revolution"))
+    angle, wanted = (turns, str(parsed) in ANGLES), (dimension in ("rad", "rad/s"), dimension == "rad")
+    if parsed.dimensionality != expected.dimensionality or angle != wanted:
         example = _EXAMPLES.get(dimension, f"1 {dimension}")
         wanted = f'{_NAMES.get(dimension, dimension)} (e.g. "{example}")'
         raise StudyError(f"the unit '{unit}' is not a unit of {wanted}")

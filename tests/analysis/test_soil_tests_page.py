@@ -18,6 +18,7 @@ from bayesterra.analysis.figures import _limits as corner_limits
 from bayesterra.analysis.figures import corner
 from bayesterra.errors import ResultError
 from bayesterra.identifiability.evidence_page import combinations
+from bayesterra.likelihood.page import study_overview
 from bayesterra.parameters import PARAMETERS
 from bayesterra.report.terminal import show
 from bayesterra.stats.quantile_law import QuantileLaw
@@ -172,6 +173,16 @@ def test_a_misfit_is_the_first_thing_that_a_page_and_a_terminal_say(
     assert capsys.readouterr().err == ""
     with undrawn():
         assert "<b>not fit</b>" not in sound.page().html()
+
+
+def test_a_check_says_where_the_laws_of_moduli_are_stated(capsys: pytest.CaptureFixture[str]) -> None:
+    """At the reference sinkage, where one is given; else it is silent, as they are about the moduli."""
+    show(study_overview(plates()))
+    assert "Laws of kc and kφ are stated for kc z^n and kφ z^n, the parts of the pressure, at z = 10 mm." in (
+        " ".join(capsys.readouterr().out.split())
+    )
+    show(study_overview(both()))
+    assert "are stated for" not in capsys.readouterr().out
 
 
 def test_a_result_of_tests_alone_is_a_whole_folder(analysed: Analysed, tmp_path: Path) -> None:

@@ -132,6 +132,10 @@ def test_zero_records_are_subtracted(drive: SimulatedDrive, write: Callable[...,
     assert mean == pytest.approx(-42, abs=4 * error)
     assert_allclose(rows.tables()["measurements"]["drawbar_pull [N]"], plain["drawbar_pull [N]"], atol=4 * error)
     assert_allclose(rows.tables()["measurements"]["sinkage [mm]"], plain["sinkage [mm]"])
+    zero.loc[19:, "drawbar_pull [N]"] = np.nan
+    short = r"zero record 'short.csv' must hold at least 20 readings of 'drawbar_pull' \(got 19\)"
+    with pytest.raises(StudyError, match=short):
+        reduce_logs([log], zero=write(zero, "short.csv"), **WHEEL)
 
 
 def test_a_drive_that_never_settles_is_rejected_by_name(
@@ -280,6 +284,9 @@ def test_a_plate_has_one_diameter(write: Callable[..., Path]) -> None:
         table.loc[5, "plate_diameter [mm]"] = value
         with pytest.raises(StudyError, match=rf"must be one length above 0 in a test \(got {got}, log.csv\)"):
             of_plate(write(table))
+    for value, mend in ((0.0, "$"), (np.where(table.index < 9, 50.0, 80.0), ": name tests in a column 'test'$")):
+        with pytest.raises(StudyError, match=rf"mm, log.csv\){mend}"):
+            of_plate(write(table.assign(**{"plate_diameter [mm]": value})))
 
 
 def test_channels_without_a_reading_are_left_out(write: Callable[..., Path], drive: SimulatedDrive) -> None:

@@ -109,3 +109,6 @@ def test_an_angular_speed_has_an_angle() -> None:
             StudyError, match=rf"'{unit}' is not a unit of angular speed \(e\.g\. \"1 rad/s, 10 rpm or 1 turn"
         ):
             factor(unit, "rad/s")
+    for unit, si, kind in (("m rad/s", "m/s", "m/s"), ("N m/rad", "N m", "torque"), ("1/rad", "", "pure number")):
+        with pytest.raises(StudyError, match=rf"'{unit}' is not a unit of {kind} \(e\.g\. "):
+            factor(unit, si)
