@@ -197,34 +197,32 @@ class ClippedModel:
 
     def values(self, theta: FloatArray) -> FloatArray:
         """Outcomes (m, 3) for parameters (p,); NaN where no sinkage carries the load."""
-        return self._by_group(theta, self._clipped(theta).theta, (self.forward.width,),
+        return self._by_group(self._clipped(theta).theta, (self.forward.width,),
             lambda part, row: np.asarray(part.answers(row, part.conditions, part.given)[0][0]))  # fmt: skip
 
     def jacobian(self, theta: FloatArray, only: Sequence[int] | None = None) -> FloatArray:
         """Exact derivatives (m, 3, k) of the outcomes; those by others than ``only`` may be 0."""
         clipped = self._clipped(theta)
         return chain(self._by_group(
-            theta, clipped.theta, (self.forward.width, len(theta)),
+            clipped.theta, (self.forward.width, len(theta)),
             lambda part, row: part.slopes(row, part.conditions, part.given, only)[1][0, :, :, : row.shape[1]],
         ), clipped)  # fmt: skip
 
     def _clipped(self, theta: FloatArray) -> Clip:
         return clip(theta, self.forward.conditions.slip, names=self.forward.model.parameters)
 
-    def _by_group(self, theta: FloatArray, rows: FloatArray, shape: tuple[int, ...], run: _Run) -> FloatArray:
-        """Run the rows that share parameters together: those that are not clipped have ``theta``."""
+    def _by_group(self, rows: FloatArray, shape: tuple[int, ...], run: _Run) -> FloatArray:
+        """Run the rows that share parameters together."""
         if np.all(rows == rows[0]):
             return run(self.forward, rows[:1])
-        out = np.empty((len(rows), *shape))
-        clipped = np.flatnonzero((rows != theta).any(axis=1))
-        clips, kind = np.unique(rows[clipped], axis=0, return_inverse=True)
-        sets, which = np.vstack([theta, clips]), np.zeros(len(rows), dtype=np.int64)
-        which[clipped] = 1 + kind.ravel()
-        for i in np.unique(which):
-            mask = which == i
-            conditions = take(self.forward.conditions, mask)
-            part = replace(self.forward, conditions=conditions, given=self.forward.given[mask])
-            out[mask] = run(part, sets[i : i + 1])
+        out, todo = np.empty((len(rows), *shape)), np.ones(len(rows), dtype=np.bool_)
+        while todo.any():  # six sets at most: θm/θ1 inside or at either limit, N inside or not
+            first = int(np.argmax(todo))
+            mask = (rows == rows[first]).all(axis=1)
+            mask[first] = True  # also where it is not a number
+            part = replace(self.forward, conditions=take(self.forward.conditions, mask), given=self.forward.given[mask])
+            out[mask] = run(part, rows[first][None])
+            todo &= ~mask
         return out
 
 
