@@ -380,7 +380,7 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8", errors="backslashreplace"))  # file names may hold half characters
 
 
-def write_bytes(path: Path, content: bytes) -> None:
+def write_bytes(path: Path, content: bytes | memoryview) -> None:
     """Write a file so that a reader sees the old or the new one, never a part."""
     ownership.note(path)
     temporary, file = _temporary(path)

@@ -98,12 +98,11 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
         if node.data_vars
     }
     try:
-        content = bytes(tree.to_netcdf(engine="h5netcdf", encoding=encoding))
+        write_bytes(path, tree.to_netcdf(engine="h5netcdf", encoding=encoding))
     except TypeError:  # xarray before 2025.9 writes trees to files only
         with TemporaryDirectory() as folder:
             tree.to_netcdf(Path(folder, path.name), engine="h5netcdf", encoding=encoding)
-            content = read_bytes(Path(folder, path.name), MOST_BYTES)
-    write_bytes(path, content)
+            write_bytes(path, read_bytes(Path(folder, path.name), MOST_BYTES))
 
 
 DRAWS, RECORD = "draws.nc", "run.json"

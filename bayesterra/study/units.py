@@ -65,8 +65,8 @@ def factor(unit: str, dimension: str) -> float:
     """
     parsed, expected = _parsed(unit), _registry().Unit(dimension)
     turns = any(word in str(parsed) for word in (*ANGLES, "revolution"))
-    angle, wanted = (turns, str(parsed) in ANGLES), (dimension in ("rad", "rad/s"), dimension == "rad")
-    if parsed.dimensionality != expected.dimensionality or angle != wanted:
+    angle, asked = (turns, str(parsed) in ANGLES), (dimension in ("rad", "rad/s"), dimension == "rad")
+    if parsed.dimensionality != expected.dimensionality or angle != asked:
         example = _EXAMPLES.get(dimension, f"1 {dimension}")
         wanted = f'{_NAMES.get(dimension, dimension)} (e.g. "{example}")'
         raise StudyError(f"the unit '{unit}' is not a unit of {wanted}")
