@@ -106,6 +106,7 @@ class Ensemble:
         self._density = log_density
         moves = frozen_moves(law)
         self._sampler = emcee.EnsembleSampler(*shape, log_density, vectorize=True, moves=moves)
+        self._sampler.log_prob_fn = log_density  # emcee's wrapper of it prints a traceback of Ctrl-C
         self._anew = [move for move, _ in moves if isinstance(move, IndependenceMove)]
         self._segments: list[Segment] = []
 

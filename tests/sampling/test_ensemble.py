@@ -211,3 +211,20 @@ def test_the_chain_depends_on_its_seed_only() -> None:
 
     np.testing.assert_array_equal(chain(1), chain(1))
     assert not np.array_equal(chain(1), chain(2))
+
+
+def test_what_ends_a_call_of_the_density_is_raised_and_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
+    """Ctrl-C within the density: emcee's own wrapper prints all walkers and a traceback."""
+    target, rng = gaussian(), np.random.default_rng(1)
+    mixture, calls = fit_mixture(target.draw(500, rng), np.full(500, 1.0), 4, rng), list[int]()
+
+    def log_density(x: FloatArray) -> FloatArray:
+        calls.append(len(x))
+        if len(calls) > 3:
+            raise KeyboardInterrupt
+        return target.log_density(x)
+
+    walkers = Ensemble(log_density, target.draw(32, rng), mixture, SeedSequence(1))
+    with pytest.raises(KeyboardInterrupt):
+        walkers.advance(20)
+    assert capfd.readouterr() == ("", "")
