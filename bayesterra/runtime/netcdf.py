@@ -6,6 +6,7 @@ than any memory holds while it is a few bytes long. None of that is in files tha
 
 import os
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import version
 from math import prod
@@ -98,7 +99,9 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
         if node.data_vars
     }
     try:
-        write_bytes(path, tree.to_netcdf(engine="h5netcdf", encoding=encoding))
+        with ThreadPoolExecutor(1) as apart:  # Ctrl-C in the midst would leave objects that print as they go
+            content = apart.submit(tree.to_netcdf, engine="h5netcdf", encoding=encoding).result()
+        write_bytes(path, content)
     except TypeError:  # xarray before 2025.9 writes trees to files only
         with TemporaryDirectory() as folder:
             tree.to_netcdf(Path(folder, path.name), engine="h5netcdf", encoding=encoding)
