@@ -196,7 +196,8 @@ def study_overview(study: Study) -> Overview:
         shares = (f"{100 * share:.3g} % {reason}" for reason, share in cut.shares.items())
         lines.append(f"Of the stated prior{f', {name} alone' if name else ''}: {', '.join(shares)}")
         doubts.append(own.doubts(cut.x[:TYPICAL]) if own.driven else "")
-    lines += [Prose("run")("at_sinkage", f"{1e3 * study.prior.reference:g}")] * study.prior.stretched
+    if study.prior.stretched:
+        lines.append(Prose("run")("at_sinkage", f"{1e3 * study.prior.reference:g}"))
     lines += [f"Warning: {warning}" for warning in study.warnings]
     lines += [f"Note: {note}" for note in (*study.notes, *filter(None, dict.fromkeys(doubts)))]
     return (

@@ -101,11 +101,12 @@ def write_tree(tree: xr.DataTree, path: Path) -> None:
     try:
         with ThreadPoolExecutor(1) as apart:  # Ctrl-C in the midst would leave objects that print as they go
             content = apart.submit(tree.to_netcdf, engine="h5netcdf", encoding=encoding).result()
-        write_bytes(path, content)
     except TypeError:  # xarray before 2025.9 writes trees to files only
         with TemporaryDirectory() as folder:
             tree.to_netcdf(Path(folder, path.name), engine="h5netcdf", encoding=encoding)
             write_bytes(path, read_bytes(Path(folder, path.name), MOST_BYTES))
+    else:
+        write_bytes(path, content)
 
 
 DRAWS, RECORD = "draws.nc", "run.json"
