@@ -17,6 +17,7 @@ from bayesterra.models.kernels.compiler import FAST, Number, inlined
 
 _DOUBLE, _INT32, _INT64 = ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 _BIAS = 1023
+_WHOLE = 1.5 * 2.0**52 + _BIAS  # a sum with it has no digits behind the point
 _SQRT_HALF_BITS = int(np.float64(0.5**0.5).view(np.int64))
 _LOG2_E = 1.4426950408889634
 _LN_2 = 0.6931471805599453
@@ -88,23 +89,11 @@ _ARCSIN = (
 
 
 @intrinsic
-def _nearest(typingctx: Any, x: Any) -> Any:
-    """Round to the nearest whole number, as a float."""
-
-    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.call(builder.module.declare_intrinsic("llvm.rint", [_DOUBLE]), args)
-
-    return types.float64(types.float64), build
-
-
-@intrinsic
 def _power_of_two(typingctx: Any, k: Any) -> Any:
-    """2^k for a whole number k held as a float, by writing the exponent's bits."""
+    """2^k for a whole number k held as the float _WHOLE + k, whose last bits are those of the exponent."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        narrow = builder.fptosi(args[0], _INT32)  # AVX2 converts to 32 bits only
-        biased = builder.add(builder.sext(narrow, _INT64), ir.Constant(_INT64, _BIAS))
-        return builder.bitcast(builder.shl(biased, ir.Constant(_INT64, 52)), _DOUBLE)
+        return builder.bitcast(builder.shl(builder.bitcast(args[0], _INT64), ir.Constant(_INT64, 52)), _DOUBLE)
 
     return types.float64(types.float64), build
 
@@ -114,16 +103,31 @@ def _binary_exponent(typingctx: Any, x: Any) -> Any:
     """Whole number e, as a float, for which x 2^-e lies in [sqrt(1/2), sqrt(2))."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        above = builder.sub(builder.bitcast(args[0], _INT64), ir.Constant(_INT64, _SQRT_HALF_BITS))
-        exponent = builder.trunc(builder.ashr(above, ir.Constant(_INT64, 52)), _INT32)
-        return builder.sitofp(exponent, _DOUBLE)
+        exponent = builder.ashr(_above(builder, args[0]), ir.Constant(_INT64, 52))
+        return builder.sitofp(builder.trunc(exponent, _INT32), _DOUBLE)  # AVX2 converts from 32 bits only
 
     return types.float64(types.float64), build
 
 
-nearest: Callable[[float], float] = cast(Any, _nearest)
+@intrinsic
+def _inverse_power(typingctx: Any, x: Any) -> Any:
+    """2^-e for the binary exponent e of x."""
+
+    def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        exponent = builder.and_(_above(builder, args[0]), ir.Constant(_INT64, -1 << 52))
+        return builder.bitcast(builder.sub(ir.Constant(_INT64, _BIAS << 52), exponent), _DOUBLE)
+
+    return types.float64(types.float64), build
+
+
+def _above(builder: Any, x: Any) -> Any:
+    """Bits of x less those of sqrt(1/2)."""
+    return builder.sub(builder.bitcast(x, _INT64), ir.Constant(_INT64, _SQRT_HALF_BITS))
+
+
 power_of_two: Callable[[float], float] = cast(Any, _power_of_two)
 binary_exponent: Callable[[float], float] = cast(Any, _binary_exponent)
+inverse_power: Callable[[float], float] = cast(Any, _inverse_power)
 
 
 def divide(a: Number, b: Number) -> Number:
@@ -189,68 +193,78 @@ overload(hold, jit_options=_OPTIONS)(_hold)
 @inlined
 def exp(x: Number) -> Number:
     """e^x; arguments beyond +-708 are held there."""
-    x, k = _reduce(x)
-    return (1.0 + _series(x)) * power_of_two(k)
+    x, scale = _reduce(x)
+    return (1.0 + _series(x)) * scale
 
 
 @inlined
 def exp_minus_1(x: Number) -> Number:
     """e^x - 1 without cancellation at small x; arguments beyond +-708 are held there."""
-    x, k = _reduce(x)
-    scale = power_of_two(k)
+    x, scale = _reduce(x)
     return scale * _series(x) + (scale - 1.0)
 
 
 @inlined
 def _reduce(x: Number) -> tuple[Number, float]:
-    """The rest x - k ln 2 and k, the whole number nearest to x / ln 2."""
+    """The rest x - k ln 2 and 2^k, where k is the whole number nearest to x / ln 2."""
     x = hold(x)
-    k = nearest(x.real * _LOG2_E)
-    return x - k * _LN_2, k
+    shifted = x.real * _LOG2_E + _WHOLE
+    return x - (shifted - _WHOLE) * _LN_2, power_of_two(shifted)
 
 
 @inlined
 def _series(x: Number) -> Number:
     """e^x - 1 for |x| <= ln(2)/2."""
-    a = _EXP
-    tail = a[5] + x * (a[6] + x * (a[7] + x * (a[8] + x * (a[9] + x * a[10]))))
-    return x * (a[1] + x * (a[2] + x * (a[3] + x * (a[4] + x * tail))))
+    a, square = _EXP, x * x
+    fourth = square * square
+    low = _fours((a[1], a[2], a[3], a[4]), x, square)
+    high = _fours((a[5], a[6], a[7], a[8]), x, square)
+    return x * (low + fourth * (high + fourth * (a[9] + x * a[10])))
+
+
+@inlined
+def _fours(a: tuple[float, float, float, float], x: Number, square: Number) -> Number:
+    """Cubic polynomial: its halves side by side, since what waits for one sum after the other is slow."""
+    return (a[0] + x * a[1]) + square * (a[2] + x * a[3])
 
 
 @inlined
 def log(x: Number) -> Number:
     """Natural logarithm of a positive normal number."""
     k = binary_exponent(x.real)
-    x = x * power_of_two(-k)
+    x = x * inverse_power(x.real)
     s = divide(x - 1.0, x + 1.0)
     t = s * s
-    a = _LOG
-    series = a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * a[6])))))
+    a, square = _LOG, t * t
+    series = _fours((a[0], a[1], a[2], a[3]), t, square) + square * square * ((a[4] + t * a[5]) + square * a[6])
     return k * _LN_2 + s * series
 
 
 @inlined
 def sin(x: Number) -> Number:
     """Sine for |x| <= pi/2."""
-    t = x * x
-    a = _SIN
-    return x * (a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * (a[6] + t * a[7])))))))
+    return x * _eights(_SIN, x * x)
 
 
 @inlined
 def versine(x: Number) -> Number:
     """1 - cos(x) for |x| <= pi/2, without cancellation."""
     t = x * x
-    a = _VERSINE
-    return t * (a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * (a[6] + t * a[7])))))))
+    return t * _eights(_VERSINE, t)
+
+
+@inlined
+def _eights(a: tuple[float, ...], t: Number) -> Number:
+    """Polynomial of eight coefficients."""
+    square = t * t
+    low, high = _fours((a[0], a[1], a[2], a[3]), t, square), _fours((a[4], a[5], a[6], a[7]), t, square)
+    return low + square * square * high
 
 
 @inlined
 def angle_of_versine(x: Number) -> Number:
     """arccos(1 - x) for 0 <= x <= 1, accurate for small x."""
     t = 0.5 * x
-    a = _ARCSIN
-    tail = a[12] + t * (a[13] + t * (a[14] + t * (a[15] + t * (a[16] + t * a[17]))))
-    tail = a[6] + t * (a[7] + t * (a[8] + t * (a[9] + t * (a[10] + t * (a[11] + t * tail)))))
-    series = a[0] + t * (a[1] + t * (a[2] + t * (a[3] + t * (a[4] + t * (a[5] + t * tail)))))
+    a, eighth = _ARCSIN, (t * t) * (t * t) * ((t * t) * (t * t))
+    series = _eights(a[:8], t) + eighth * (_eights(a[8:16], t) + eighth * (a[16] + t * a[17]))
     return 2.0 * root(t) * series
