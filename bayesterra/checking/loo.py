@@ -25,9 +25,11 @@ from bayesterra.sampling.evidence import ENOUGH, Pair, PosteriorProposal, refine
 from bayesterra.stats.mixture import (
     ProposalLaw,
     effective_number,
+    largest_power,
     log_mean,
     pareto_limit,
     pareto_smoothed,
+    relative,
     systematic,
     weighted_log_mean,
 )
@@ -36,10 +38,11 @@ FEW_ROWS = 20
 """Below this number of rows weights must be as even as a new sampling makes them."""
 DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 500, 1e7
 """Draws that are weighed, so many numbers of all readings at most."""
-START_DRAWS = 1024
+START_DRAWS, START_EFFECTIVE = 1024, 300
+"""Draws that a refit starts from, and how many of them differ at least: its weights are flattened to that."""
 PIT_DRAWS = 1000
-FINAL_DRAWS = (8192, 8192, 16384)
-"""Weighted draws of a refit, and of a second and third attempt."""
+FINAL_DRAWS = (8192, 8192, 16384, 16384)
+"""Weighted draws of a refit, and of further attempts."""
 EFFECTIVE = 1000
 """Effective draws below which there is another attempt: the ends of predictive laws scatter with fewer."""
 EVEN = 0.5
@@ -263,7 +266,9 @@ class _Case:
             return self.weighted
         rng, refitted, attempts = default_rng(seed), self.weighted, list[_Weighted]()
         for n in FINAL_DRAWS:  # again from where the weights of the last attempt lead
-            chosen = systematic(np.exp(refitted.log_weights), START_DRAWS, rng)
+            logs = refitted.log_weights
+            power = largest_power(logs, 1.0, min(START_EFFECTIVE, 0.5 * len(logs)))
+            chosen = systematic(relative(power * logs), START_DRAWS, rng)
             start = self.near.coordinates.from_physical(refitted.x[chosen])
             refitted = self._drawn(refined(start, self._densities, rng), n, rng)
             attempts.append(refitted)

@@ -76,7 +76,7 @@ class PosteriorProposal(Generic[W]):
 
     def from_prior(self, densities: Densities, rng: Generator) -> mixtures.ProposalLaw:
         """A proposal for another target over the same parameters, found all the way from the prior."""
-        plan = AdaptationOptions()
+        plan = AdaptationOptions(shores=24, more=(16,))  # weights see to the rest
         start = self.coordinates.from_physical(self.posterior.cut_prior(plan.particles, rng))
         return adapt(densities, start, plan, rng).proposal
 
