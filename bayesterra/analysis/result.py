@@ -17,7 +17,7 @@ from typing_extensions import TypedDict
 
 from bayesterra.arrays import BoolArray, FloatArray, answered_quantiles
 from bayesterra.checking.levels import scope, untested
-from bayesterra.checking.predictive import FEW_ROWS, Curves, RowPredictions, one_in
+from bayesterra.checking.predictive import Curves, RowPredictions, one_in
 from bayesterra.checking.soil_tests import verdict_on_tests
 from bayesterra.checking.validation import Validation, fit_verdict, prediction_verdict
 from bayesterra.errors import ResultError
@@ -393,16 +393,14 @@ def draws_tree(
     laws, use, log_density = posterior.prior.laws, study.observations.use, posterior.log_before(flat)
     groups: dict[str, xr.Dataset] = {}
     if posterior.driven:
-        kept = chains[:, :: one_in(len(use), len(flat))]
-        pointwise = posterior.log_terms(kept.reshape(-1, kept.shape[2]))
-        if kept.shape == chains.shape:
-            apart = posterior.likelihood.rows_apart
-            log_density = log_density + (pointwise.sum(axis=(1, 2)) if apart else posterior.log_rows(flat)[0])
-        else:
-            log_density = posterior.log_density(flat)
+        every = one_in(len(use), len(flat))
+        kept = chains[:, ::every]
+        pointwise, log_density = posterior.log_terms(kept.reshape(-1, kept.shape[2])), posterior.log_density(flat)
+        told = _rows(posterior.likelihood, pointwise.reshape(*kept.shape[:2], *pointwise.shape[1:]))
         predicted = {name: predictions_dataset(study, rows) for name, rows in predictions.items()}
+        predicted["posterior_predictive"] = predicted["posterior_predictive"].assign_coords(draw=every * told["draw"])
         groups = {
-            "log_likelihood": _rows(posterior.likelihood, pointwise.reshape(*kept.shape[:2], *pointwise.shape[1:])),
+            "log_likelihood": told.assign_coords(draw=every * told["draw"]),
             **{name: base.of_rows(dataset, use) for name, dataset in predicted.items()},
             "observed_data": base.of_rows(base.observed_dataset(study), use),
             "constant_data": base.of_rows(base.conditions_dataset(study), use),
@@ -445,9 +443,13 @@ def predictions_dataset(study: Study, rows: RowPredictions) -> xr.Dataset:
     return _by_row(rows.channels, readings, study.observations.rows)
 
 
+SINGLE = 50
+"""Rows above which what is kept of each has single precision."""
+
+
 def _by_row(names: Sequence[str], values: FloatArray, rows: Sequence[int]) -> xr.Dataset:
     """Values (chain, draw, row, names) with the numbers of the rows; of many rows to seven digits."""
-    held, dims = values.astype(np.float32) if len(rows) > FEW_ROWS else values, ("chain", "draw", "row")
+    held, dims = values.astype(np.float32) if len(rows) > SINGLE else values, ("chain", "draw", "row")
     dataset = base.labelled_dataset({name: (dims, held[..., i]) for i, name in enumerate(names)})
     return dataset.assign_coords(row=list(rows))
 

@@ -295,13 +295,13 @@ class _Case:
         if self.rest is not None:
             others[inside] = self._said(self.rest, x[inside])
         else:
-            answered, _, rest = self._apart(self.near.posterior, x[inside])
+            answered, _, rest = self._apart(x[inside])
             others[inside[answered]] = rest
         return np.where(np.isfinite(others), prior, -np.inf), others
 
-    def _apart(self, posterior: Any, x: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
+    def _apart(self, x: FloatArray) -> tuple[BoolArray, FloatArray, FloatArray]:
         """Which sets (n, d) have a likelihood, and for these its log for the rows and for all others."""
-        total, rows = posterior.log_rows(x)
+        total, rows = self.near.posterior.log_rows(x)
         answered = np.isfinite(rows).all(axis=1)
         own = rows[answered][:, self.rows].sum(axis=1)
         return answered, own, total[answered] - own
@@ -312,7 +312,7 @@ class _Case:
         u = proposal.sample(n, rng)
         x, prior, inside = self._before(u)
         if self.rest is None:
-            answered, own, others = self._apart(self.near.posterior, x[inside])
+            answered, own, others = self._apart(x[inside])
         else:
             total, rest = (self._said(of, x[inside]) for of in (self.near.posterior.likelihood, self.rest))
             answered = np.isfinite(total) & np.isfinite(rest)

@@ -31,10 +31,8 @@ from bayesterra.study.study import Study
 
 GRID = 41
 FORCE = "normal_force"
-FEW_ROWS = 50
-"""Rows up to which every draw is kept row by row."""
 FEWEST_DRAWS, MOST_DRAWS, VALUES = 250, 2000, 800_000
-"""Draws kept of each of more rows: so many numbers in all, within these ends."""
+"""Draws kept of each row: so many numbers in all, within these ends."""
 LEAST_TOLD = 1e-12
 """Precision, 1/N², of a load on which a row has no number."""
 
@@ -86,9 +84,8 @@ def no_rows(study: Study, n: int) -> RowPredictions:
 
 
 def one_in(rows: int, draws: int) -> int:
-    """Number of draws of which one is kept, where something is kept of each row: 1 unless rows are many."""
-    most = draws if rows <= FEW_ROWS else max(FEWEST_DRAWS, min(MOST_DRAWS, VALUES // rows))
-    return max(1, -(-draws // most))
+    """Number of draws of which one is kept, where something is kept of each row."""
+    return max(1, -(-draws // max(FEWEST_DRAWS, min(MOST_DRAWS, VALUES // max(1, rows)))))
 
 
 def predictive_table(study: Study, predictions: RowPredictions) -> pd.DataFrame:

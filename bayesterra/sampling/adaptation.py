@@ -263,7 +263,7 @@ def refine(
         proposal = _fitted(np.concatenate([drawn.u[chosen], u]), weights, widths, options, rng)
     watch("proposal, thin places")
     tried = (drawn.u, drawn.log_target, partial(_log_target, densities))
-    shores, draws, fitted = options.shores, len(u) // 2, len(proposal.mixture.weights)
+    shores, draws, fitted = options.shores, len(u) // 4, len(proposal.mixture.weights)
     proposal = add_components(proposal, *tried, rng, components=shores, draws=draws, further=tails, enough=enough)
     added = len(proposal.mixture.weights) - fitted
     return proposal, efficiency, log_evidence, len(drawn.u) + added * draws

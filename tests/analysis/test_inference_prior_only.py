@@ -35,7 +35,7 @@ def test_cells_may_be_empty_and_columns_missing(table: str, write: Write) -> Non
     assert list(found.study.noise) == ["sinkage", "drawbar_pull"]
     assert found.predictive["observed"].isna().all()
     assert (found.predictive[["q05", "q50", "q95"]].diff(axis=1).iloc[:, 1:] > 0).all(axis=None)
-    assert found.draws["prior_predictive"]["sinkage"].shape == (1, 4000, 3)
+    assert found.draws["prior_predictive"]["sinkage"].shape == (1, 2000, 3)
 
 
 def test_readings_are_not_used(write: Write) -> None:
