@@ -22,17 +22,7 @@ from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
 from bayesterra.runtime.engines import usable_processors
 from bayesterra.sampling.evidence import ENOUGH, Pair, PosteriorProposal, refined
-from bayesterra.stats.mixture import (
-    ProposalLaw,
-    effective_number,
-    largest_power,
-    log_mean,
-    pareto_limit,
-    pareto_smoothed,
-    relative,
-    systematic,
-    weighted_log_mean,
-)
+from bayesterra.stats import mixture as mixtures
 
 FEW_ROWS = 20
 """Below this number of rows weights must be as even as a new sampling makes them."""
@@ -159,12 +149,12 @@ def cross_validate(
     cases = [_Case(near, whole, x, log_rows, (i,), None) for i in range(m)]
     cases += [_Case(near, whole, x, log_rows, level, None if few else rests[level]) for level in more]
     limits, least = np.full(len(cases), EVEN), np.full(len(cases), ENOUGH)
-    limits[:m], least[:m] = (pareto_limit(len(x)), 0.0) if m >= few_rows else (EVEN, EFFECTIVE)
+    limits[:m], least[:m] = (mixtures.pareto_limit(len(x)), 0.0) if m >= few_rows else (EVEN, EFFECTIVE)
     results = _results(cases, limits, least, streams)
     rows, found = posterior.likelihood.observations.rows, dict(zip(cases, results, strict=True))
     of_rows = CrossValidation(
         tuple(case.left_out(row, found[case]) for row, case in zip(rows, cases[:m], strict=True)),
-        tuple(log_mean(density, axis=0).tolist()),
+        tuple(mixtures.log_mean(density, axis=0).tolist()),
         _pits(posterior, cases[:m], results[:m]) if m >= few_rows else {},
     )
     return of_rows, {case.rows: found[case].drawn() for case in cases if case.rows in rests}
@@ -206,24 +196,24 @@ class _Weighted:
         finite = np.isfinite(log_weights)
         if not finite.all():
             x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]
-        return cls(x, *pareto_smoothed(log_weights), log_row)
+        return cls(x, *mixtures.pareto_smoothed(log_weights), log_row)
 
     def estimate(self) -> tuple[float, float]:
         """Elpd of the rows and its Monte Carlo error."""
-        return weighted_log_mean(self.log_weights, self.log_row)
+        return mixtures.weighted_log_mean(self.log_weights, self.log_row)
 
     def drawn(self) -> Without:
         """As many draws of equal weight as a predictive law needs."""
-        chosen = systematic(np.exp(self.log_weights), PIT_DRAWS, default_rng(0))
+        chosen = mixtures.systematic(np.exp(self.log_weights), PIT_DRAWS, default_rng(0))
         return Without(self.x[chosen], self.reliable)
 
     @property
     def effective(self) -> float:
-        return effective_number(np.exp(self.log_weights))
+        return mixtures.effective_number(np.exp(self.log_weights))
 
     @property
     def reliable(self) -> bool:
-        return self.estimate()[1] < CLOSE and self.k < pareto_limit(len(self.x))
+        return self.estimate()[1] < CLOSE and self.k < mixtures.pareto_limit(len(self.x))
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +221,7 @@ class _Case:
     """Rows to leave out, with draws x (n, d) of the full posterior; ``rest``: likelihood of all others, if need be."""
 
     near: PosteriorProposal[Any]
-    whole: ProposalLaw
+    whole: mixtures.ProposalLaw
     x: FloatArray
     log_rows: tuple[FloatArray, FloatArray]
     rows: Level
@@ -267,11 +257,10 @@ class _Case:
         rng, refitted, attempts = default_rng(seed), self.weighted, list[_Weighted]()
         for n in FINAL_DRAWS:  # again from where the weights of the last attempt lead
             logs = refitted.log_weights
-            power = largest_power(logs, 1.0, min(START_EFFECTIVE, 0.5 * len(logs)))
-            chosen = systematic(relative(power * logs), START_DRAWS, rng)
+            power = mixtures.largest_power(logs, 1.0, min(START_EFFECTIVE, 0.5 * len(logs)))
+            chosen = mixtures.systematic(mixtures.relative(power * logs), START_DRAWS, rng)
             start = self.near.coordinates.from_physical(refitted.x[chosen])
-            refitted = self._drawn(refined(start, self._densities, rng), n, rng)
-            attempts.append(refitted)
+            attempts.append(refitted := self._drawn(refined(start, self._densities, rng), n, rng))
             best = max(attempts, key=lambda each: (each.reliable, each.effective if each.reliable else -each.k))
             if best.reliable and best.effective >= EFFECTIVE:
                 break
@@ -306,7 +295,7 @@ class _Case:
         own = rows[answered][:, self.rows].sum(axis=1)
         return answered, own, total[answered] - own
 
-    def _drawn(self, without: ProposalLaw, n: int, rng: Generator) -> _Weighted:
+    def _drawn(self, without: mixtures.ProposalLaw, n: int, rng: Generator) -> _Weighted:
         """Weighted draws of a proposal without the rows and of one with them, where its density is high."""
         proposal = Pair(without, self.whole)
         u = proposal.sample(n, rng)
@@ -339,7 +328,7 @@ def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weigh
         if result is case.weighted:
             table[i] = np.exp(result.log_weights) @ ndtr(full[:, i])
         else:
-            chosen = systematic(np.exp(result.log_weights), PIT_DRAWS, default_rng(0))
+            chosen = mixtures.systematic(np.exp(result.log_weights), PIT_DRAWS, default_rng(0))
             table[i] = ndtr(posterior.scores(result.x[chosen])[:, i]).mean(axis=0)
     return {name: tuple(table[:, c].tolist()) for c, name in enumerate(likelihood.channels)}
 

@@ -268,8 +268,7 @@ class ReplicateOptions:
     widening: float = 1.5  # how much wider than the posterior they are spread
     draws: int = 200  # draws of each posterior
     fewest: float = 50.0  # effective draws below which a posterior is looked for around its own centre
-    local: int = 1024  # parameter sets drawn there
-    searches: int = 2  # such searches at most
+    local: tuple[int, ...] = (384, 1024, 1024)  # parameter sets drawn there, search by search
 
 
 TOLD = 0.9
@@ -304,18 +303,17 @@ class _Pool:
             about = likelihood.forward.at_load(loads)(posterior.prior.soil_values(sets.x), every_row=True)
         if about is None or (about.status == 0).mean() < TOLD:
             about = posterior.explained(sets.x, rng)
-        outcomes = about
-        kept = np.flatnonzero(outcomes.status == 0)
-        sets, outcomes = sets.take(kept), outcomes.take(kept)
+        kept = np.flatnonzero(about.status == 0)
+        sets, outcomes = sets.take(kept), about.take(kept)
         return cls(posterior, sets, Modelled.of(posterior, sets.x, outcomes), outcomes)
 
-    def weights(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
-        """Weights (n,) of the sets for a table of readings (m, channels)."""
+    def log_weights(self, likelihood: Likelihood, readings: FloatArray) -> FloatArray:
+        """Log weights (n,) of the sets for a table of readings (m, channels), but for a constant."""
         if self.modelled is not None:
-            return normalised(self.sets.log_base + self.modelled.log_likelihood(likelihood, readings))
+            return self.sets.log_base + self.modelled.log_likelihood(likelihood, readings)
         squares = [own.anew(column) for own, column in zip(likelihood.squares or (), readings.T, strict=True)]
         noise = self.posterior.noise_values(self.sets.x)
-        return normalised(self.sets.log_base + likelihood.log_told(squares, self.outcomes, noise))
+        return self.sets.log_base + likelihood.log_told(squares, self.outcomes, noise)
 
     def explained(self, chosen: IntArray) -> Outcomes:
         """Outcomes of all rows for some of the sets."""
@@ -351,29 +349,40 @@ def replicates(
     own, *streams = seed.spawn(1 + options.number)
     rng, near, likelihood = default_rng(own), PosteriorProposal.of(posterior, draws), posterior.likelihood
     pool = _Pool.of(near, near.mixture(rng, options.widening), options.pool, rng)
-    chosen = systematic(pool.weights(likelihood, likelihood.measured), options.number, rng)
+    measured = pool.log_weights(likelihood, likelihood.measured)
+    chosen = systematic(normalised(measured), options.number, rng)
     tables = likelihood.draw(pool.explained(chosen), posterior.noise_values(pool.sets.x[chosen]), rng)
     tables[:, np.isnan(likelihood.measured)] = np.nan
 
     def judged(table: FloatArray, stream: SeedSequence) -> T:
-        return judge(_settled(near, pool, table, default_rng(stream), options))
+        return judge(_settled(near, pool, measured, table, default_rng(stream), options))
 
     with threadpool_limits(limits=1), ThreadPoolExecutor(usable_processors()) as workers:
         return list(workers.map(judged, tables, streams))
 
 
 def _settled(
-    near: PosteriorProposal[Posterior], pool: _Pool, readings: FloatArray, rng: Generator, options: ReplicateOptions
-) -> Replicate:
-    """The posterior of a table, from the pool or, where too few draws fit it, from around its centre."""
-    likelihood = near.posterior.likelihood
-    weights, loads = pool.weights(likelihood, readings), likelihood.loads_near(readings)
-    for _ in range(options.searches):
+    near: PosteriorProposal[Posterior], pool: _Pool, measured: FloatArray, readings: FloatArray, rng: Generator,
+    options: ReplicateOptions,
+) -> Replicate:  # fmt: skip
+    """The posterior of a table, from the pool or, where too few draws fit it, from around its centre.
+
+    The ``measured`` table has log weights (n,) in the pool. Where log likelihoods of two tables differ linearly over a
+    Gaussian posterior, its mean moves from the one to the other by its covariance with that difference. Elsewhere that
+    goes too far, and the mean of the few draws that fit not far enough: the search begins between them.
+    """
+    likelihood, u = near.posterior.likelihood, pool.sets.u
+    log_weights, loads = pool.log_weights(likelihood, readings), likelihood.loads_near(readings)
+    weights, own = normalised(log_weights), normalised(measured)
+    further = np.where(own > 0, log_weights - measured, 0.0)
+    centre = 0.5 * (weights @ u + own @ u + own @ ((u - own @ u) * (further - own @ further)[:, None]))
+    for n in options.local:
         if effective_number(weights) >= options.fewest:
             break
-        local = _Pool.of(near, near.shifted(weights @ pool.sets.u), options.local, rng, loads)
-        local_weights = local.weights(likelihood, readings)
+        local = _Pool.of(near, near.shifted(centre), n, rng, loads)
+        local_weights = normalised(local.log_weights(likelihood, readings))
         if effective_number(local_weights) > effective_number(weights):
             pool, weights = local, local_weights
+        centre = weights @ pool.sets.u
     draws = pool.take(systematic(weights, options.draws, rng)).explaining(likelihood, readings, rng)
     return Replicate(readings, draws, effective_number(weights))

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pandas as pd
@@ -67,7 +69,8 @@ def test_many_rows_are_weighed_by_their_nodes(make_study: MakeStudy, make_table:
     other[3:9, 1] = np.nan
     for readings in (likelihood.measured, other):
         expected = normalised(pool.sets.log_base + modelled.log_likelihood(likelihood, readings))
-        np.testing.assert_allclose(pool.weights(likelihood, readings), expected, rtol=1e-4, atol=1e-12)
+        found = normalised(pool.log_weights(likelihood, readings))
+        np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-12)
     chosen = np.array([4, 4, 9])
     np.testing.assert_allclose(pool.take(chosen).mean, modelled.mean[chosen], rtol=1e-7)
     np.testing.assert_allclose(pool.explained(chosen)["sinkage"], modelled.mean[chosen][:, :, 0], rtol=1e-7)
@@ -143,7 +146,7 @@ def _likely(density: Posterior, n: int) -> FloatArray:
     return x[default_rng(6).choice(len(x), size=n, p=weights / weights.sum())]
 
 
-@pytest.mark.parametrize("options", [ReplicateOptions(), ReplicateOptions(pool=64, fewest=1e9, local=2048)])
+@pytest.mark.parametrize("options", [ReplicateOptions(), ReplicateOptions(pool=64, fewest=1e9, local=(2048, 2048))])
 def test_every_replicate_has_its_own_posterior(options: ReplicateOptions, make_study: MakeStudy) -> None:
     """Modelled pull under a replicate's draws has the mean and spread that weighted prior draws have."""
     density = posterior(make_study(free=("c", "phi")))
@@ -165,6 +168,22 @@ def test_every_replicate_has_its_own_posterior(options: ReplicateOptions, make_s
     assert np.abs(shifts).max() < 0.5
     assert np.abs(shifts).mean() < 0.12
     assert ratios.mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_search_begins_near_the_posterior_of_its_table(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A normal posterior in eight directions, and a table whose own lies two standard deviations away in each."""
+    u, away, begun = 1.5 * default_rng(1).standard_normal((8192, 8)), 2.0, list[FloatArray]()
+
+    def log_weights(likelihood: object, readings: float) -> FloatArray:
+        return np.asarray((u**2 / 4.5 - (u - readings) ** 2 / 2).sum(axis=1))
+
+    pool: Any = SimpleNamespace(sets=SimpleNamespace(u=u), log_weights=log_weights, take=lambda chosen: MagicMock())
+    near: Any = SimpleNamespace(posterior=MagicMock(), shifted=begun.append)
+    monkeypatch.setattr(predictive._Pool, "of", lambda *arguments: pool)
+    table: Any = away
+    predictive._settled(near, pool, log_weights(None, 0.0), table, default_rng(2), ReplicateOptions(local=(1,)))
+    alone = normalised(log_weights(None, away)) @ u
+    assert np.linalg.norm(begun[0] - away) < 0.7 * np.linalg.norm(alone - away)
 
 
 def test_replicates_depend_on_the_seed_only(make_study: MakeStudy) -> None:

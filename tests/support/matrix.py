@@ -198,7 +198,7 @@ COMMANDS: Mapping[str, tuple[str, ...]] = {
 """Commands that read studies or results; a result is what ``run`` wrote."""
 GROUPED = {"design": ("--group", "Wh11")}
 """What a command must be told of groups."""
-FEW_REPLICATES = ReplicateOptions(number=20, pool=512, draws=100, local=256)
+FEW_REPLICATES = ReplicateOptions(number=20, pool=512, draws=100, local=(256, 256))
 LITTLE = AdaptationOptions(particles=128, sweeps=1, components=4, refinements=(2,), more=(), shores=2, climbs=10)
 
 
