@@ -374,7 +374,7 @@ def _settled(
     likelihood, u = near.posterior.likelihood, pool.sets.u
     log_weights, loads = pool.log_weights(likelihood, readings), likelihood.loads_near(readings)
     weights, own = normalised(log_weights), normalised(measured)
-    further = np.where(own > 0, log_weights - measured, 0.0)
+    further = np.subtract(log_weights, measured, out=np.zeros(len(own)), where=(own > 0) & np.isfinite(log_weights))
     centre = 0.5 * (weights @ u + own @ u + own @ ((u - own @ u) * (further - own @ further)[:, None]))
     for n in options.local:
         if effective_number(weights) >= options.fewest:

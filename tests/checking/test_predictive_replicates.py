@@ -175,7 +175,9 @@ def test_a_search_begins_near_the_posterior_of_its_table(monkeypatch: pytest.Mon
     u, away, begun = 1.5 * default_rng(1).standard_normal((8192, 8)), 2.0, list[FloatArray]()
 
     def log_weights(likelihood: object, readings: float) -> FloatArray:
-        return np.asarray((u**2 / 4.5 - (u - readings) ** 2 / 2).sum(axis=1))
+        total = np.asarray((u**2 / 4.5 - (u - readings) ** 2 / 2).sum(axis=1))
+        total[::50] = -np.inf if readings else total[::50]  # readings that cannot be
+        return total
 
     pool: Any = SimpleNamespace(sets=SimpleNamespace(u=u), log_weights=log_weights, take=lambda chosen: MagicMock())
     near: Any = SimpleNamespace(posterior=MagicMock(), shifted=begun.append)
