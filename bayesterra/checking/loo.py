@@ -194,8 +194,7 @@ class _Weighted:
     @classmethod
     def of(cls, x: FloatArray, log_weights: FloatArray, log_row: FloatArray) -> "_Weighted":
         finite = np.isfinite(log_weights)
-        if not finite.all():
-            x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]
+        x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]
         return cls(x, *mixtures.pareto_smoothed(log_weights), log_row)
 
     def estimate(self) -> tuple[float, float]:
@@ -213,7 +212,8 @@ class _Weighted:
 
     @property
     def reliable(self) -> bool:
-        return self.estimate()[1] < CLOSE and self.k < mixtures.pareto_limit(len(self.x))
+        told = self.effective >= EFFECTIVE or self.estimate()[1] < CLOSE  # draws may do where an elpd does not
+        return told and self.k < mixtures.pareto_limit(len(self.x))
 
 
 @dataclass(frozen=True, eq=False)

@@ -155,6 +155,16 @@ def test_of_attempts_that_cannot_be_relied_on_the_most_even_stands(
     assert len(seen) == 4
 
 
+@pytest.mark.parametrize(("n", "far", "told"), [(4000, 500.0, True), (500, 500.0, False), (500, 0.5, True)])
+def test_many_draws_are_right_though_the_rows_lie_far_off(n: int, far: float, told: bool) -> None:
+    """The mean density of rows far from all told ones rests on few draws; the posterior without them does not."""
+    x = default_rng(1).normal(size=(n, 1))
+    found = loo._Weighted.of(x, np.zeros(n), -far * x[:, 0] ** 2)
+    assert (found.estimate()[1] < loo.CLOSE) is (far < 1.0)
+    assert found.effective == pytest.approx(n)
+    assert found.reliable is told
+
+
 @pytest.mark.parametrize(("least", "anew"), [(0.0, False), (400.0, True)])
 def test_a_level_of_few_effective_draws_is_sampled_anew(
     study: Study, monkeypatch: pytest.MonkeyPatch, least: float, anew: bool
