@@ -70,12 +70,21 @@ def _signals_as_interruption(asked: list[int]) -> Iterator[None]:
         asked.append(sign)
         _interrupt(sign, frame)
 
+    def lost(error: "sys.UnraisableHookArgs") -> None:
+        """Interrupt once more where it was raised in a place that can raise nothing, as a callback of compiled code."""
+        if issubclass(error.exc_type, KeyboardInterrupt):
+            threading.Timer(0.01, os.kill, (os.getpid(), asked[-1])).start()
+        else:
+            told(error)
+
+    told, sys.unraisablehook = sys.unraisablehook, lost
     before = [signal.signal(sign, interrupt) for sign in taken]
     try:
         yield
     finally:
         for sign, handler in zip(taken, before, strict=True):
             signal.signal(sign, handler)
+        sys.unraisablehook = told
 
 
 def _interrupt(sign: int, frame: FrameType | None) -> None:

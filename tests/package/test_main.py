@@ -1,5 +1,6 @@
 """Ends of the command line: bugs, signals, and files that cannot be written."""
 
+import ctypes
 import os
 import signal
 import subprocess
@@ -67,6 +68,28 @@ def test_an_interruption_that_a_library_makes_an_error_of_is_still_one(
     monkeypatch.setattr("bayesterra.study.study.load_study", swallowing)
     assert command_line.main(["check", str(STUDY)]) == 130
     assert line_of(capsys) == "error: interrupted"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals as POSIX has them")
+def test_an_interruption_of_a_place_that_can_raise_nothing_is_not_lost(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A callback of compiled code, as LLVM's to numba: Python would print a traceback and go on."""
+
+    def interrupted() -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1)
+
+    def calling(path: Path) -> None:
+        ctypes.CFUNCTYPE(None)(interrupted)()
+        time.sleep(30)
+        raise AssertionError("lost")
+
+    monkeypatch.setattr("bayesterra.study.study.load_study", calling)
+    monkeypatch.setattr(sys, "unraisablehook", hook := sys.__unraisablehook__)
+    assert command_line.main(["check", str(STUDY)]) == 130
+    assert capfd.readouterr().err == "error: interrupted\n"
+    assert sys.unraisablehook is hook
 
 
 def test_a_bug_is_one_line_wherever_its_log_can_be_written(
