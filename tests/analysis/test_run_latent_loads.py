@@ -84,8 +84,8 @@ def test_a_run_with_latent_loads(tmp_path: Path) -> None:
     levels = found.draws["log_likelihood"]["readings"]
     assert levels.sizes["row"] == 12
     assert np.isfinite(levels).all()
-    total = levels.sum("row") + sum(found.draws["log_prior"].data_vars.values())
-    np.testing.assert_allclose(total, found.draws["sample_stats"]["lp"], rtol=1e-9)
+    total = levels.sum("row") + sum(found.draws["log_prior"].sel(draw=levels["draw"]).data_vars.values())
+    np.testing.assert_allclose(total, found.draws["sample_stats"]["lp"].sel(draw=levels["draw"]), rtol=1e-9)
     assert set(found.predictive["channel"]) == {"normal_force", "sinkage", "drawbar_pull"}
     found.save(tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
