@@ -98,8 +98,7 @@ def _alike(comparison: Comparison) -> list[str]:
 
 def _moves(comparison: Comparison) -> Verdict:
     """Parameters and derived quantities that move from the first result to the others."""
-    table = comparison.parameters
-    first = comparison.names[0]
+    table, first = comparison.parameters, comparison.names[0]
     moved = table[(table["shift"].abs() >= MOVED) & (table["result"] != first)]
     moved = moved.reindex(moved["shift"].abs().sort_values(ascending=False).index)
     count = table[table["result"] == first]["quantity"].nunique()

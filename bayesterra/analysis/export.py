@@ -375,8 +375,7 @@ def errors_said(table: pd.DataFrame) -> Iterator[str]:
 def on_scm(result: Result, draws: FloatArray, slip: float, rows: Conditions, load: FloatArray) -> FloatArray:
     """Sinkage, pull and moment (n, m, 3) of a rigid wheel on SCM soils of draws, projected at a slip."""
     soil = soil_at(result.study.prior.soil_values(draws), float(rows.width[0]))
-    own = _soils(result, draws)
-    zero = np.zeros(len(draws))
+    own, zero = _soils(result, draws), np.zeros(len(draws))
     columns = (soil[:, SoilColumns.Ks], own["n"] + own["n1"] * slip, zero, own["c"], own["phi"], own["K"])
     theta = np.column_stack([*columns, zero + _BOTTOM, zero, zero])
     return M1(shear_start="rim", constant_exponent=True).response_at(theta, rows, load, every_row=True)[0]

@@ -224,8 +224,7 @@ def _marginal(draws: FloatArray, ends: tuple[float, float], count: int, smooth: 
 
 def _limits(result: Result, draws: FloatArray) -> list[tuple[float, float]]:
     """Ranges that hold 99.8 % of the draws and the point estimates that lie inside the prior's range."""
-    rows = summary_rows(result)
-    limits = []
+    rows, limits = summary_rows(result), []
     for i, name in enumerate(result.names):
         along = axis(result, name)
         others = [v[name] / PARAMETERS[name].scale for v in estimates(result).values() if name in v]

@@ -85,8 +85,7 @@ def run(
     """
     if crosscheck:
         evidences.check_installed()
-    started = time.perf_counter()
-    target = posterior(study)
+    started, target = time.perf_counter(), posterior(study)
     streams = SeedSequence(seed).spawn(11)
     sampling, prior_stream, predicting, validating, weighing, nesting, *later = streams
     prior = draw_cut_prior(target, PRIOR_DRAWS, default_rng(prior_stream))
@@ -146,7 +145,8 @@ class Analysis:
         failures, draws_of = self.failures, self.kept.flat
         prior = self.prior.x[:: one_in(len(self.study.observations), len(self.prior.x))]
         rows, before = self._rows(self.stored.reshape(-1, draws_of.shape[1]), rng), self._rows(prior, rng, before=True)
-        draws = self._draws(rows, before, rng)
+        draws, predicted = self._draws(rows, before, rng), predictive_table(self.study, rows)
+        del rows  # of many rows half a gigabyte
         if self.study.drive.latent_load:
             before = failures.attempt(
                 "prior_predictive",
@@ -189,7 +189,7 @@ class Analysis:
         seconds = {**self.samples.seconds, "total": time.perf_counter() - started + self.samples.earlier}
         found = RunResult(
             study=self.study, draws=draws, summary=summary, least_squares=self.least_squares(standings),
-            identifiability=table, predictive=predictive_table(self.study, rows),
+            identifiability=table, predictive=predicted,
             new_tests=tested.table if tested else pd.DataFrame(), bands=tested.bands if tested else pd.DataFrame(),
             record=with_failures(result.run_record(self.study, seed, findings, seconds), failures),
         )  # fmt: skip

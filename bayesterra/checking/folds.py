@@ -213,8 +213,7 @@ class LeaveOneOut:
 
     def __call__(self, task: int) -> Outcome:
         """Leave level number ``task`` out, counted from 0."""
-        started = time.process_time()
-        fold = self.folds[task]
+        started, fold = time.process_time(), self.folds[task]
         scorer = Scorer(self.study, fold)
         baselines = [row for name in BASELINES for row in scorer.baseline(name, self.folds)]
         fitting, predicting = SeedSequence(self.seed, spawn_key=(task,)).spawn(2)
@@ -306,8 +305,7 @@ class Scorer:
         observed = float(rows.values[channel][place])
         if np.isnan(observed) or (self.only is not None and not self.only[place]):
             return []
-        driven = rows.slip[self.kept]
-        slip = float(rows.slip[place])
+        driven, slip = rows.slip[self.kept], float(rows.slip[place])
         head = {
             "predictor": predictor,
             "level": self.fold.name,

@@ -88,8 +88,7 @@ def skills(table: pd.DataFrame, model: str, seed: int = 1) -> pd.DataFrame:
     with replacement, which needs two levels or more; ``difference`` of the mean CRPS with its standard error
     by level, negative where the model is better. ``levels_won``: levels in which the model's is the smaller.
     """
-    records = []
-    keys = ["row", "channel"]
+    records, keys = [], ["row", "channel"]
     own = table[table["predictor"] == model].set_index(keys)
     for baseline in (name for name in table["predictor"].unique() if name != model):
         other = table[table["predictor"] == baseline].set_index(keys)["crps"].rename("other")

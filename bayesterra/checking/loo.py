@@ -16,7 +16,7 @@ from numpy.random import Generator, SeedSequence, default_rng
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray, spaced
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, in_parts, spaced
 from bayesterra.likelihood.joint import JointPosterior
 from bayesterra.likelihood.likelihood import Likelihood
 from bayesterra.likelihood.posterior import Posterior
@@ -30,7 +30,8 @@ DRAWS, FEWEST_DRAWS, NUMBERS = 4000, 500, 1e7
 """Draws that are weighed, so many numbers of all readings at most."""
 START_DRAWS, START_EFFECTIVE = 1024, 300
 """Draws that a refit starts from, and how many of them differ at least: its weights are flattened to that."""
-PIT_DRAWS = 1000
+PIT_DRAWS, ROWS = 1000, 100
+"""Draws of a refit that tell a probability below a reading; rows whose mean densities are made at once."""
 FINAL_DRAWS = (8192, 8192, 16384, 16384)
 """Weighted draws of a refit, and of further attempts."""
 EFFECTIVE = 1000
@@ -154,7 +155,7 @@ def cross_validate(
     rows, found = posterior.likelihood.observations.rows, dict(zip(cases, results, strict=True))
     of_rows = CrossValidation(
         tuple(case.left_out(row, found[case]) for row, case in zip(rows, cases[:m], strict=True)),
-        tuple(mixtures.log_mean(density, axis=0).tolist()),
+        tuple(in_parts(partial(mixtures.log_mean, axis=1), ROWS, density.T).tolist()),
         _pits(posterior, cases[:m], results[:m]) if m >= few_rows else {},
     )
     return of_rows, {case.rows: found[case].drawn() for case in cases if case.rows in rests}
@@ -194,7 +195,8 @@ class _Weighted:
     @classmethod
     def of(cls, x: FloatArray, log_weights: FloatArray, log_row: FloatArray) -> "_Weighted":
         finite = np.isfinite(log_weights)
-        x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]
+        if not finite.all():  # else all cases share x
+            x, log_weights, log_row = x[finite], log_weights[finite], log_row[finite]
         return cls(x, *mixtures.pareto_smoothed(log_weights), log_row)
 
     def estimate(self) -> tuple[float, float]:
@@ -232,7 +234,7 @@ class _Case:
         """Log density of the rows at the draws, given all others (n,)."""
         total, rows = self.log_rows
         if self.rest is None:
-            return np.asarray(rows[:, self.rows].sum(axis=1))
+            return np.asarray(rows[:, self.rows[0]] if len(self.rows) == 1 else rows[:, self.rows].sum(axis=1))
         return total - self._said(self.rest, self.x)
 
     def _said(self, likelihood: Likelihood, x: FloatArray) -> FloatArray:
@@ -322,14 +324,16 @@ def _pits(posterior: Posterior, cases: Sequence[_Case], results: Sequence[_Weigh
     likelihood = posterior.likelihood
     if likelihood.forward.drive.latent_load:
         return {}
-    full = posterior.scores(cases[0].x)
-    table = np.empty((len(cases), len(likelihood.channels)))
-    for i, (case, result) in enumerate(zip(cases, results, strict=True)):
-        if result is case.weighted:
-            table[i] = np.exp(result.log_weights) @ ndtr(full[:, i])
-        else:
-            chosen = mixtures.systematic(np.exp(result.log_weights), PIT_DRAWS, default_rng(0))
-            table[i] = ndtr(posterior.scores(result.x[chosen])[:, i]).mean(axis=0)
+    table, x = np.zeros((len(cases), len(likelihood.channels))), cases[0].x
+    weighted = [i for i, (case, result) in enumerate(zip(cases, results, strict=True)) if result is case.weighted]
+    for first in range(0, len(x), likelihood.at_once):
+        part = slice(first, first + likelihood.at_once)
+        below = ndtr(posterior.scores(x[part]))
+        for i in weighted:
+            table[i] += np.exp(results[i].log_weights[part]) @ below[:, i]
+    for i in set(range(len(cases))) - set(weighted):
+        chosen = mixtures.systematic(np.exp(results[i].log_weights), PIT_DRAWS, default_rng(0))
+        table[i] = ndtr(posterior.scores(results[i].x[chosen])[:, i]).mean(axis=0)
     return {name: tuple(table[:, c].tolist()) for c, name in enumerate(likelihood.channels)}
 
 

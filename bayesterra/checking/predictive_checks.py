@@ -190,8 +190,8 @@ class _Judge:
         pairs = zip(self.of_residuals, self._ordered, strict=True)
         shares = [exceedance(statistic.value(z, self.slip), ordered).mean() for statistic, ordered in pairs]
         turns = (7 * np.arange(len(mean))[:, None] + np.arange(min(10, 1 + 5000 // len(y)))) % len(self.unit)
-        largest = LARGEST.value(mean[:, None] + scale[:, None] * self.unit[turns], self.slip)
-        return np.array([*shares, np.mean(largest > y.max())])
+        largest = [LARGEST.value(mean + scale * self.unit[turn], self.slip) for turn in turns.T]
+        return np.array([*shares, np.mean(np.array(largest) > y.max())])
 
 
 def predictive_checks(

@@ -70,8 +70,7 @@ def _next(design: Design) -> Verdict:
 
 def _promise(design: Design) -> Verdict:
     """Verdict on the expected spread of the parameters of interest."""
-    last = design.together[-1]
-    changes = []
+    last, changes = design.together[-1], []
     for i, name in enumerate(design.about[:FEW]):
         before, after, _ = figures_of(design, i, last)
         changes.append(Markup("{} from {} to {}").format(symbol(name), before, amount(name, after)))

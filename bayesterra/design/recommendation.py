@@ -163,8 +163,7 @@ def next_drive(study: Study, target: Posterior, draws: FloatArray, seed: SeedSeq
     bound) with its Monte Carlo error, and the same for the best of the driven loads; None where none has an
     answer for enough draws, or readings of another drive have no law.
     """
-    load = reference_load(study)
-    rng = default_rng(seed)
+    load, rng = reference_load(study), default_rng(seed)
     try:
         grid = candidates(study, loads=[0.5 * load, load, 2.0 * load])
         situation = Situation(study, target, draws, "posterior")

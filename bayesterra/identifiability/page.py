@@ -33,8 +33,7 @@ FEW = 2
 
 def identifiability_page(made: Identified) -> VerdictPage:
     """Put the page together."""
-    study = made.study
-    drawn = f"{made.record['draws']} draws"
+    study, drawn = made.study, f"{made.record['draws']} draws"
     return VerdictPage(
         title=study.title or "Soil parameters from wheel tests",
         facts=(f"{study.kind} data", f"model {study.model.name}, {study.drive}-driven", drawn),

@@ -32,7 +32,7 @@ from bayesterra.stats.tails import GAUSSIAN
 from bayesterra.study.noise import Noise
 from bayesterra.study.observations import Observations
 
-DOUBLES = 3e6
+DOUBLES = 1e6
 """Numbers that what is worked on at once may take."""
 
 

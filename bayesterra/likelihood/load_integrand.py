@@ -100,8 +100,7 @@ def beyond(workspace: Lanes, channel: int, r: float) -> float:
     if place < 1.0:
         growth = (workspace[first + 1] - workspace[first]) * FINE * FAR
         return float(workspace[first] - growth * np.log(-r / FAR))
-    k = first + int(place)
-    t = place - int(place)
+    k, t = first + int(place), place - int(place)
     a, b, c, d = workspace[k - 1], workspace[k], workspace[k + 1], workspace[k + 2]
     bend = t * (t - 1.0) / 6.0 * ((2.0 - t) * a + (t + 1.0) * d)
     return float(bend + 0.5 * (t + 1.0) * (t - 2.0) * ((t - 1.0) * b - t * c))

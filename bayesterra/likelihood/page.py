@@ -47,8 +47,7 @@ def conditions(study: Study) -> Blocks:
 def _readings(study: Study) -> Table:
     rows = study.observations
     columns = {**study.drive.conditioned(rows), **{name: rows.values[name] for name in study.noise}}
-    many = len(study.wheels) > 1
-    again = study.repeats
+    many, again = len(study.wheels) > 1, study.repeats
     last = 2 if again else 1
     table: dict[Cell, list[str]] = {"row": [*map(str, rows.rows), "noise (sd)", "repeats (sd)"][: len(rows) + last]}
     if many:

@@ -8,7 +8,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from numpy.random import Generator
 
-from bayesterra.arrays import BoolArray, FloatArray, IntArray
+from bayesterra.arrays import BoolArray, FloatArray, IntArray, in_parts
 from bayesterra.errors import SupportError, check_kind
 from bayesterra.likelihood.correlated import CorrelatedLikelihood
 from bayesterra.likelihood.experiments import Experiment
@@ -132,7 +132,8 @@ class Posterior:
 
         Where rows hang together it is given all other rows, and the sum is not the log likelihood.
         """
-        return self.likelihood.log_terms(self.prior.soil_values(x), self.noise_values(x))
+        whole = self.likelihood
+        return in_parts(whole.log_terms, whole.at_once, self.prior.soil_values(x), self.noise_values(x))
 
     def log_rows(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log likelihood (n,), and log density (n, rows) of every row given all other rows."""

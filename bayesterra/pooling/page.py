@@ -175,8 +175,7 @@ def _with_error(value: float, error: float, reliable: bool) -> Cell:
 
 def _by_group(result: PooledResult) -> Table:
     some = result.left_out[result.left_out["what"] == "group"]
-    degrees = list(dict.fromkeys(some["pooling"]))
-    body = []
+    degrees, body = list(dict.fromkeys(some["pooling"])), []
     for group in result.groups:
         own = some[some["label"].astype(str) == group].set_index("pooling")
         cells = [_with_error(own.loc[d, "elpd"], own.loc[d, "error"], bool(own.loc[d, "reliable"])) for d in degrees]

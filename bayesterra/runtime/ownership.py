@@ -207,8 +207,7 @@ def remove_ours(folder: Path, names: Collection[str], kept: Collection[Path] = (
     Where nothing else is in it the folder goes too; its marks go last.
     """
     marks = [folder / SUMS, folder / WORK / MADE]
-    others = {*strangers(folder, names), *kept}
-    folders = []
+    others, folders = {*strangers(folder, names), *kept}, []
     for place, below, files in os.walk(folder):
         below[:] = [name for name in below if Path(place, name) not in others]
         folders.append(Path(place))

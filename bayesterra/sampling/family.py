@@ -188,8 +188,7 @@ def _sliced(
         return np.where(alive, log_density + tied(*safe), -np.inf)
 
     now = shared[:, column]
-    floor = level(now) + np.log(chance[0])
-    place = law.cdf(now)
+    floor, place = level(now) + np.log(chance[0]), law.cdf(now)
     low, high, result = np.zeros(len(now)), np.ones(len(now)), now.copy()
     open_ = np.ones(len(now), dtype=bool)
     for part in chance[1:]:

@@ -333,8 +333,7 @@ def level_stationarity(series: FloatArray) -> float:
 
     The long-run variance has Bartlett's weights over 4 (n/100)^(1/4) lags; 0 for a constant series.
     """
-    n = len(series)
-    centred = series - series.mean()
+    n, centred = len(series), series - series.mean()
     lags = int(4 * (n / 100) ** 0.25)
     products = [float(centred[lag:] @ centred[: n - lag]) / n for lag in range(lags + 1)]
     variance = products[0] + 2 * sum((1 - lag / (lags + 1)) * products[lag] for lag in range(1, lags + 1))
@@ -347,8 +346,7 @@ def error_of_mean(series: FloatArray) -> float:
     Neighbours may hang together: a series of first order, its correlation corrected for its bias of
     (1 + 3 ρ)/n (Kendall 1954); then Student's t with as many values as are independent.
     """
-    n = len(series)
-    centred = series - series.mean()
+    n, centred = len(series), series - series.mean()
     power = float(centred @ centred)
     if power == 0:
         return 0.0

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
-from bayesterra.arrays import FloatArray, IntArray
+from bayesterra.arrays import FloatArray, IntArray, in_parts
 from bayesterra.models.kernels import compiled
 from bayesterra.stats.diagnostics import array_stats
 
@@ -113,6 +113,8 @@ def pareto_limit(draws: int) -> float:
     return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
 
 
+POINTS = 4096
+"""Points whose densities are looked at at once."""
 LEAST, MOST = 1e-250, 1000
 """Least sum of products, and greatest exponent, beside which logarithms are not needed."""
 
@@ -184,8 +186,7 @@ class StudentMixture:
     @cached_property
     def _whitening(self) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Inverse factors (d, d, k) and what they make of the means (d, k); log constants (k,)."""
-        d = self.means.shape[1]
-        inverse = np.linalg.inv(self.factors)
+        d, inverse = self.means.shape[1], np.linalg.inv(self.factors)
         offsets = np.einsum("kij,kj->ik", inverse, self.means)
         log_det = np.log(np.diagonal(self.factors, axis1=1, axis2=2)).sum(axis=1)
         if np.isinf(self.dof):
@@ -214,12 +215,11 @@ class StudentMixture:
 
     def log_density(self, u: FloatArray) -> FloatArray:
         """Log density (n,) at points (n, d)."""
-        return self.weighed(u)[0]
+        return in_parts(lambda part: self.weighed(part)[0], POINTS, u)
 
     def sample(self, n: int, random: RandomSource) -> FloatArray:
         """Draw n independent points (n, d)."""
-        d = self.means.shape[1]
-        last = len(self.weights) - 1
+        d, last = self.means.shape[1], len(self.weights) - 1
         chosen = np.minimum(np.searchsorted(np.cumsum(self.weights), random.random(n)), last)
         stretch = np.ones(n) if np.isinf(self.dof) else np.sqrt(self.dof / random.chisquare(self.dof, n))
         normal = random.standard_normal((n, d))
@@ -315,8 +315,7 @@ def _maximise(
     points: _Points, share: FloatArray, distances: FloatArray, mixture: StudentMixture, floor: float | None
 ) -> StudentMixture:
     """One M step; covariances have a floor, or are shrunk towards the overall one where points are few."""
-    d = points.z.shape[1]
-    mass = share.sum(axis=0)
+    d, mass = points.z.shape[1], share.sum(axis=0)
     effective = mass**2 / np.maximum((share**2).sum(axis=0), 1e-300)
     kept = (effective > 2 * d) & (mass > 1e-4)
     if not kept.any():
