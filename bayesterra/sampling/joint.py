@@ -29,7 +29,7 @@ from bayesterra.sampling.moves import (
     run_together,
 )
 from bayesterra.sampling.sampler import Progress, Samples, Steps, Target, is_diagnosed, sample
-from bayesterra.stats.diagnostics import Diagnosis, diagnose
+from bayesterra.stats.diagnostics import STEPS_PER_TAU, Diagnosis, diagnose
 from bayesterra.stats.transport import fit_proposal
 from bayesterra.study.schema import SamplingOptions
 
@@ -38,8 +38,9 @@ STARTS = 2048
 """Points that every ensemble fits its first laws to."""
 START_SHARE = 0.05
 """Effective share of candidates that the first draws of shared parameters keep; weights are tempered."""
-PATIENCE, REFITS = 600, 3
-"""Sweeps without convergence after which laws are fitted anew, twice as many each time, and how often."""
+PATIENCE, REFITS, NEARLY = 600, 3, 0.5
+"""Sweeps without convergence after which laws are fitted anew, twice as many each time, and how often; share of the
+draws and sweeps asked for from which on the run goes on instead."""
 LONE_ESS, LONE_STEPS = 4000, 4000
 """Effective draws asked of each group alone, and steps that it may take, at most; not more than of all."""
 
@@ -203,11 +204,11 @@ def _produced(
         report(Progress("sampling", done, diagnosis, elapsed / max(done, 1e-3) - elapsed))
         if diagnosis.converged or not going_on:
             return chains, accepted, diagnosis, ensembles
-        if refitting:
+        refits += refitting
+        if refitting and min(done, steps / (STEPS_PER_TAU * diagnosis.tau.max())) < NEARLY:
             report(Progress("sampling", done, diagnosis, step="fitting laws anew"))
             D, L = (np.concatenate(of, axis=1) for of in zip(*((each.D, each.L) for each in kept), strict=True))
-            ensembles = list(pool.map(refitted, ensembles, D, L))
-            kept, refits, steps = [], refits + 1, 0
+            ensembles, kept, steps = list(pool.map(refitted, ensembles, D, L)), [], 0
 
 
 def _physical(family: JointFamily, segment: JointSegment) -> FloatArray:

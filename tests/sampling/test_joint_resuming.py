@@ -107,6 +107,16 @@ def test_notes_change_nothing(joint: JointPosterior, small: PoolingOptions, whol
     assert notes.made == made
 
 
+def test_laws_of_a_run_that_is_nearly_done_stay(
+    joint: JointPosterior, small: PoolingOptions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No sweep is forgotten where as many more bring all that is asked for."""
+    monkeypatch.setattr(joint_sampling, "NEARLY", 0.0)
+    notes = Notes()
+    assert run(joint, small, notes).chains.shape[1] == 9
+    assert len([name for name in notes.segments if name.startswith("joint-round-")]) == 3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ends_at", ["joint-begun", "joint-round-0004"])
 def test_a_run_that_ended_goes_on(

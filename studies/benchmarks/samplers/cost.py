@@ -41,7 +41,7 @@ ESTIMATED = {
     name: {"estimate": {"dist": "halfnorm", "scale": scale}}
     for name, scale in {"sinkage": "1 mm", "drawbar_pull": "1 N", "resistance_moment": "0.3 N m"}.items()
 }
-VARIED = ("rows", "free parameters", "groups", "ensembles", "cores")
+VARIED = ("rows", "free parameters", "groups", "parameters of 8 groups", "ensembles", "cores")
 
 
 def slips(rows: int) -> FloatArray:
