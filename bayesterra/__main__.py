@@ -72,16 +72,19 @@ def _signals_as_interruption(asked: list[int]) -> Iterator[None]:
 
     def lost(error: "sys.UnraisableHookArgs") -> None:
         """Interrupt once more where it was raised in a place that can raise nothing, as a callback of compiled code."""
-        if issubclass(error.exc_type, KeyboardInterrupt):
-            threading.Timer(0.01, os.kill, (os.getpid(), asked[-1])).start()
+        if asked and issubclass(error.exc_type, KeyboardInterrupt):
+            again.append(threading.Timer(0.01, os.kill, (os.getpid(), asked[-1])))
+            again[-1].start()
         else:
             told(error)
 
-    told, sys.unraisablehook = sys.unraisablehook, lost
+    again, told, sys.unraisablehook = list[threading.Timer](), sys.unraisablehook, lost
     before = [signal.signal(sign, interrupt) for sign in taken]
     try:
         yield
     finally:
+        for timer in again:  # whoever called goes on
+            timer.cancel()
         for sign, handler in zip(taken, before, strict=True):
             signal.signal(sign, handler)
         sys.unraisablehook = told

@@ -113,10 +113,8 @@ def pareto_limit(draws: int) -> float:
     return float(min(1.0 - 1.0 / np.log10(draws), 0.7))
 
 
-POINTS = 4096
-"""Points whose densities are looked at at once."""
-LEAST, MOST = 1e-250, 1000
-"""Least sum of products, and greatest exponent, beside which logarithms are not needed."""
+LEAST, MOST, POINTS = 1e-250, 1000, 4096
+"""Least sum of products, and greatest exponent, beside which logarithms are not needed; points looked at at once."""
 
 
 @compiled

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bayesterra import __main__ as command_line
+from bayesterra.errors import BayesterraError
 from tests.support.choice import some
 
 STUDY = Path(__file__).parents[2] / "studies" / "hit-wh32" / "study.toml"
@@ -90,6 +91,29 @@ def test_an_interruption_of_a_place_that_can_raise_nothing_is_not_lost(
     assert command_line.main(["check", str(STUDY)]) == 130
     assert capfd.readouterr().err == "error: interrupted\n"
     assert sys.unraisablehook is hook
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals as POSIX has them")
+def test_an_interruption_that_comes_too_late_does_not_reach_the_caller(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command ends before the signal is sent once more, and whoever called it goes on."""
+    caught: list[int] = []
+
+    def interrupted() -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(1)
+
+    def calling(path: Path) -> None:
+        ctypes.CFUNCTYPE(None)(interrupted)()
+        raise BayesterraError("the end")
+
+    monkeypatch.setattr("bayesterra.study.study.load_study", calling)
+    before = signal.signal(signal.SIGTERM, lambda sign, frame: caught.append(sign))
+    try:
+        command_line.main(["check", str(STUDY)])
+        time.sleep(0.05)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not caught
 
 
 def test_a_bug_is_one_line_wherever_its_log_can_be_written(

@@ -34,7 +34,7 @@ GROUPS = (2, 4, 8)
 OF_EIGHT = {35: ("K", "n0", "n1"), 62: ("K", "n0", "n1", "Ks", "c1", "c2")}
 """Parameters of eight wheels by their number, and which of them differ from wheel to wheel."""
 MOST = {62: 1200}
-"""Sweeps that are kept at most, by the number of parameters: a hundred autocorrelation times take half an hour more."""
+"""Sweeps that are kept at most, by the number of parameters: fifty autocorrelation times would take some 6000."""
 GROUP_SLIPS = np.array([0.05, 0.15, 0.3, 0.45, 0.6])
 SD = {"sinkage": 0.0005, "drawbar_pull": 1.0, "resistance_moment": 0.3}
 ESTIMATED = {
@@ -89,8 +89,8 @@ class Cost:
     def measure(self) -> dict[str, object]:
         """Processor and wall seconds of the sampling, per thousand effective draws too."""
         study = self.study()
-        options = replace(study.sampling, ensembles=self.ensembles)
-        options = replace(options, max_steps=self.most or options.max_steps)
+        usual = study.sampling
+        options = replace(usual, ensembles=self.ensembles, max_steps=self.most or usual.max_steps)
         if study.pooling is not None:
             target = joint_posterior(study)
             run: Callable[[np.random.SeedSequence], Any] = partial(joint.sample_joint, target, options)
